@@ -1,0 +1,3 @@
+"""Accuracy of visual-inertial odometry and SLAM, while it runs and afterwards."""
+
+__version__ = '0.1.0'

@@ -1,0 +1,1 @@
+"""The verbs as command lines: shells around the evaluation, one file each."""

@@ -1,0 +1,164 @@
+"""Evaluates one recording, or a pair of trajectory files, offline."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable
+import hashlib
+import math
+from pathlib import Path
+import sys
+from typing import NamedTuple
+
+from vio_eval_ros.cli.shell import (add_options, config_of, FAILED, load_yaml, Parser, PASSED,
+                                    progress, run, UNABLE)
+from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.evaluation import Evaluation, metric_names, running_series
+from vio_eval_ros.core.gates import check_names, Gate, judge
+from vio_eval_ros.errors import ConfigError, NoPairs, VioEvalError
+from vio_eval_ros.recordings.sources import default_topics, read_sources, Source
+from vio_eval_ros.reports import REPORTS, write
+from vio_eval_ros.reports.result import Input, Result
+from vio_eval_ros.reports.text import text_report
+
+SERIES = ('csv',)
+EXAMPLES = """
+examples:
+  replay run.mcap --estimate /vio/odometry --ground-truth /ground_truth/pose
+  replay --estimate est.txt --ground-truth mav0 --max-difference-s 0.01
+  replay run.bag --ground-truth V1_02/data.csv --estimate /odometry \\
+      --gate 'ate_trans_rmse_m<=0.1' --report json:result.json --report junit:result.xml
+
+exit status: 0 done and passed, 1 a gate failed, 2 could not be done
+"""
+
+
+class Target(NamedTuple):
+    """A format and the file that it goes to."""
+
+    format: str
+    path: Path
+
+    @classmethod
+    def parse(cls, text: str, formats: Iterable[str]) -> Target:
+        """Return the target that ``FORMAT:PATH`` means."""
+        name, _, path = text.partition(':')
+        if name not in formats or not path:
+            raise ConfigError(f"'{text}': write FORMAT:PATH with a format of "
+                              f'{", ".join(formats)}')
+        if not Path(path).parent.is_dir():
+            raise ConfigError(f"'{text}': there is no folder {Path(path).parent}")
+        return cls(name, Path(path))
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the verb; return its exit status."""
+    arguments = _parser().parse_args(argv)
+    return run('replay', lambda: _replay(arguments))
+
+
+def _parser() -> Parser:
+    parser = Parser(prog='replay', description=__doc__, epilog=EXAMPLES,
+                    formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('recording', nargs='?', type=Path, metavar='RECORDING',
+                        help='ROS 1 .bag, rosbag2 folder, .db3 or .mcap')
+    parser.add_argument('--estimate', metavar='SPEC',
+                        help='/topic, /tf:PARENT.CHILD, a file, or RECORDING:/topic; what is '
+                        'unusual in it behind a ?: quaternion=wxyz, stamps=ns, invert=pose '
+                        '(default: the only one there is)')
+    parser.add_argument('--ground-truth', metavar='SPEC', help='the same for the ground truth')
+    parser.add_argument('--times', type=Path, metavar='FILE',
+                        help='the stamps [s] of KITTI pose files, one a line')
+    output = parser.add_argument_group('output')
+    output.add_argument('--json', action='store_true',
+                        help='print the result as JSON, and nothing else, on stdout')
+    output.add_argument('--report', action='append', default=[], metavar='FORMAT:PATH',
+                        help=f'write a report; {", ".join(REPORTS)}; may be repeated')
+    output.add_argument('--series', metavar='csv:PATH',
+                        help='write the running ATE and RPE, once for each second of stamps')
+    output.add_argument('--gate', action='append', default=[], metavar='METRIC<=LIMIT',
+                        help='fail with status 1 where a metric is beyond a limit (<= or >=) or '
+                        'null; may be repeated')
+    output.add_argument('--gates', type=Path, metavar='FILE',
+                        help='YAML file of gates: {metric: {max: number, min: number}}')
+    add_options(parser)
+    return parser
+
+
+def _replay(arguments: argparse.Namespace) -> int:
+    config = config_of(arguments)
+    reports = [Target.parse(text, REPORTS) for text in arguments.report]
+    series = arguments.series and Target.parse(arguments.series, SERIES)
+    gates = [Gate.parse(text) for text in arguments.gate]
+    if arguments.gates is not None:
+        gates += Gate.from_mapping(load_yaml(arguments.gates))
+    check_names(gates, metric_names(config))
+
+    estimate, truth = _sources(arguments)
+    evaluation = Evaluation(config)
+    evaluation.add_ground_truth(truth.poses, truth.zero_stamps)
+    evaluation.add_estimate(estimate.poses, estimate.zero_stamps)
+    evaluation.flush()
+    summary = evaluation.summary()
+    if not len(summary.pairs):
+        raise NoPairs(evaluation.no_pairs())
+    summary.warnings[:0] = [*estimate.warnings, *truth.warnings]
+
+    hashed = arguments.json or any(report.format == 'json' for report in reports)
+    streams = evaluation.associator
+    result = Result(
+        Input(estimate.spec, estimate.kind, _sha256(estimate) if hashed else None,
+              streams.estimate, config.time_offset_s),
+        Input(truth.spec, truth.kind, _sha256(truth) if hashed else None, streams.ground_truth),
+        config, summary, judge(gates, summary.metrics))
+    print(REPORTS['json'](result) if arguments.json else text_report(result), end='', flush=True)
+    written = [_written(report, lambda report=report: REPORTS[report.format](result))
+               for report in reports]
+    if series:
+        written.append(_written(series, lambda: _series(config, estimate, truth)))
+    if not all(written):
+        return UNABLE
+    return FAILED if result.passed is False else PASSED
+
+
+def _sources(arguments: argparse.Namespace) -> list[Source]:
+    """Return the estimate and the ground truth."""
+    specs = [arguments.estimate, arguments.ground_truth]
+    if None in specs:
+        if arguments.recording is None:
+            raise ConfigError('give a RECORDING, or both --estimate and --ground-truth')
+        defaults = default_topics(arguments.recording, *specs)
+        specs = [given or default for given, default in zip(specs, defaults, strict=True)]
+    return read_sources(specs, arguments.recording, arguments.times, progress)
+
+
+def _written(target: Target, render: Callable[[], str]) -> bool:
+    """Return whether a report could be written; a complaint about one does not stop others."""
+    try:
+        write(target.path, render())
+    except VioEvalError as error:
+        print(f'replay: {target.format} report: {error}', file=sys.stderr)
+        return False
+    return True
+
+
+def _series(config: EvaluationConfig, estimate: Source, truth: Source) -> str:
+    """Return a row of running values for each second in which a pose arrived, as CSV."""
+    lines = []
+    for stamp_ns, values in running_series(config, estimate.poses, truth.poses,
+                                           estimate.zero_stamps and truth.zero_stamps):
+        if not lines:
+            lines.append(','.join(['stamp_ns', *values]))
+        lines.append(','.join([str(stamp_ns), *('' if math.isnan(value) else repr(value)
+                                                for value in values.values())]))
+    return '\n'.join(lines) + '\n'
+
+
+def _sha256(source: Source) -> str:
+    """Return the hash of the files of a source, one behind the other."""
+    digest = hashlib.sha256()
+    for path in source.paths:
+        with path.open('rb') as file:
+            while block := file.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()

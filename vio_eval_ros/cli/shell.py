@@ -1,0 +1,115 @@
+"""What every verb shares: options from the one table, errors as one line, progress."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields
+from pathlib import Path
+import sys
+from typing import Any, NoReturn
+
+from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
+
+PASSED, FAILED, UNABLE = 0, 1, 2
+MAX_YAML_BYTES = 1 << 20
+
+
+class Parser(argparse.ArgumentParser):
+    """An argument parser whose errors are one line."""
+
+    def error(self, message: str) -> NoReturn:
+        """Exit with status 2 and one line on stderr."""
+        self.exit(UNABLE, f'{self.prog}: {message}; see {self.prog} --help\n')
+
+
+def run(verb: str, main: Callable[[], int]) -> int:
+    """
+    Return the exit status of a verb; whatever it could not do becomes one line on stderr.
+
+    In Python's development mode (``python -X dev``) an unexpected error is raised instead.
+    """
+    try:
+        return main()
+    except VioEvalError as error:
+        problem = str(error)
+    except BrokenPipeError:
+        # whoever read our output has gone; let nothing try to write the rest at exit
+        sys.stdout = None  # type: ignore[assignment]
+        return UNABLE
+    except KeyboardInterrupt:
+        problem = 'interrupted'
+    except MemoryError:
+        problem = 'there is not enough memory'
+    except Exception as error:
+        if sys.flags.dev_mode:
+            raise
+        problem = (f'this is a bug, please report it: {type(error).__name__}: {error} '
+                   '(python -X dev shows where)')
+    print(f'{verb}: {" ".join(problem.split())}', file=sys.stderr)
+    return UNABLE
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add a flag for each option of the evaluation, and ``--config`` for a file of them."""
+    group = parser.add_argument_group('evaluation')
+    group.add_argument('--config', type=Path, metavar='FILE',
+                       help='YAML file with any of the options below; flags override it')
+    for option in fields(EvaluationConfig):
+        listed = str(option.type).startswith('tuple')
+        default = getattr(EvaluationConfig(), option.name)
+        shown = ' '.join(map(str, default)) if listed else default
+        choices = option.metadata['choices']
+        group.add_argument(
+            '--' + option.name.replace('_', '-'), dest=option.name, default=None,
+            metavar='|'.join(choices) or option.name.rsplit('_')[-1].upper(),
+            help=f'{option.metadata["description"]} (default: {shown or "none"})',
+            **({'nargs': 7 if option.name.endswith('to_body') else '*'} if listed else {}))
+
+
+def config_of(arguments: argparse.Namespace) -> EvaluationConfig:
+    """Return the options of the command line over those of ``--config``."""
+    values = {} if arguments.config is None else options_of(arguments.config)
+    given = {option.name: getattr(arguments, option.name) for option in fields(EvaluationConfig)}
+    values |= {name: value for name, value in given.items() if value is not None}
+    return EvaluationConfig.from_mapping(values)
+
+
+def options_of(path: Path) -> dict[str, Any]:
+    """Return the options in a YAML file: a plain mapping, or a ROS parameter file."""
+    values = load_yaml(path)
+    for node in ('/**', 'vio_evaluator', '/vio_evaluator'):
+        if isinstance(values.get(node), Mapping) and 'ros__parameters' in values[node]:
+            values = values[node]['ros__parameters']
+    if not isinstance(values, dict):
+        raise ConfigError(f'{path}: options are a mapping of names to values')
+    return values
+
+
+def load_yaml(path: Path) -> dict[str, Any]:
+    """Return the mapping in a YAML file; nothing but plain data is ever made of it."""
+    import yaml
+    try:
+        with path.open(encoding='utf-8') as file:
+            text = file.read(MAX_YAML_BYTES + 1)
+        if len(text) > MAX_YAML_BYTES:
+            raise ReadError(path, 'too large for a file of options')
+        values = yaml.safe_load(text)
+    except OSError as error:
+        raise ReadError(path, error.strerror or str(error)) from None
+    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
+        raise ReadError(path, f'not valid YAML: {" ".join(str(error).split())}') from None
+    if values is None:
+        return {}
+    if not isinstance(values, dict):
+        raise ConfigError(f'{path}: a mapping of names to values is expected')
+    return values
+
+
+def progress(items: Iterable[Any], total: int) -> Iterable[Any]:
+    """Return the items; a read that takes long shows a bar, if stderr is a terminal."""
+    if not sys.stderr.isatty():
+        return items
+    from tqdm import tqdm
+    return tqdm(items, total=total, desc='reading', unit='', delay=0.5, leave=False)

@@ -1,0 +1,1 @@
+"""Arithmetic on columns of numbers: no ROS, no files, no clock, no printing."""

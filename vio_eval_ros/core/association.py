@@ -1,0 +1,276 @@
+"""Two streams of poses in, pairs out, each decided once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+import math
+
+import numpy as np
+
+from vio_eval_ros.core import rotation
+from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.trajectory import clean, Cleaning, Pairs, Poses, Trajectory
+from vio_eval_ros.errors import ConfigError
+
+BEFORE_ALL = np.iinfo(np.int64).min
+AFTER_ALL = np.iinfo(np.int64).max
+
+
+def nanoseconds(seconds: float) -> int:
+    """Return a duration in whole nanoseconds."""
+    return round(seconds * 1e9)
+
+
+def nearest(stamps: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """
+    Return for each stamp the index of the nearest of ``others``; of two as near, the earlier.
+
+    :param stamps: (N,) sorted.
+    :param others: (M,) sorted, M >= 1.
+    """
+    after = np.searchsorted(others, stamps).clip(max=len(others) - 1)
+    before = (after - 1).clip(min=0)
+    return np.asarray(np.where(np.abs(stamps - others[before]) <= np.abs(others[after] - stamps),
+                               before, after))
+
+
+class Intervals:
+    """
+    Durations between consecutive stamps, and how much of them was without a longer gap.
+
+    Intervals up to the gap are only summed; the few longer ones are kept, since the limit may
+    turn out to be larger.
+    """
+
+    def __init__(self, gap_ns: int) -> None:
+        self._gap_ns = gap_ns
+        self._last_ns: int | None = None
+        self._short_sum_ns = 0
+        self._long_ns = np.empty(0, np.int64)
+
+    def add(self, stamps: np.ndarray) -> np.ndarray:
+        """Add the next stamps of the series; return the intervals that they end."""
+        if not len(stamps):
+            return np.empty(0, np.int64)
+        start = stamps[0] if self._last_ns is None else self._last_ns
+        intervals = np.diff(stamps, prepend=start)[self._last_ns is None:]
+        self._last_ns = int(stamps[-1])
+        short = intervals <= self._gap_ns
+        self._short_sum_ns += int(intervals[short].sum())
+        self._long_ns = np.concatenate([self._long_ns, intervals[~short]])
+        return intervals
+
+    def total_ns(self, limit_ns: float) -> int:
+        """Return the sum of the intervals up to a limit that is not below the gap."""
+        return self._short_sum_ns + int(self._long_ns[self._long_ns <= limit_ns].sum())
+
+
+class Stream:
+    """
+    One side of the association: brings what arrives into shape and keeps what is still needed.
+
+    :param gap_ns: the longest interval between poses that counts as tracking.
+    :param offset_ns: added to the stamps.
+    :param to_body: x y z qx qy qz qw of the body in the tracked frame.
+    """
+
+    def __init__(self, gap_ns: int, offset_ns: int, to_body: Sequence[float]) -> None:
+        self.counts = Cleaning()
+        self.waiting = Trajectory.empty()
+        self.first_ns = AFTER_ALL
+        self.newest_ns = BEFORE_ALL
+        self.used = 0
+        self.settled = 0
+        self.position_only = False
+        self.intervals = Intervals(gap_ns)
+        self._offset_ns = offset_ns
+        self._lever, self._turn = np.array(to_body[:3]), rotation.normalize(np.array(to_body[3:]))
+
+    def receive(self, poses: Poses, horizon_ns: int, zero_stamps: bool) -> None:
+        """Add a batch; poses at or before the horizon come too late and are only counted."""
+        started = self.newest_ns != BEFORE_ALL
+        batch = clean(poses, self.counts, self.newest_ns - self._offset_ns if started else None,
+                      zero_stamps)
+        if self._offset_ns:
+            batch = replace(batch, stamps_ns=batch.stamps_ns + self._offset_ns)
+        if len(batch) and batch.stamps_ns[0] <= self.newest_ns:
+            batch = self._without_repeated_and_late(batch, horizon_ns)
+        if not len(batch):
+            return
+        in_order = batch.stamps_ns[0] > self.newest_ns
+        self.waiting = Trajectory.concatenate([self.waiting, self._of_body(batch)])
+        if not in_order:
+            self.waiting = self.waiting[np.argsort(self.waiting.stamps_ns)]
+        self.used += len(batch)
+        self.position_only |= batch.rotations is None
+        self.first_ns = min(self.first_ns, int(batch.stamps_ns[0]))
+        self.newest_ns = max(self.newest_ns, int(batch.stamps_ns[-1]))
+
+    def _without_repeated_and_late(self, batch: Trajectory, horizon_ns: int) -> Trajectory:
+        repeated = np.isin(batch.stamps_ns, self.waiting.stamps_ns)
+        late = ~repeated & (batch.stamps_ns <= horizon_ns)
+        self.counts.duplicate += int(np.count_nonzero(repeated))
+        self.counts.late += int(np.count_nonzero(late))
+        return batch[~(repeated | late)]
+
+    def _of_body(self, tracked: Trajectory) -> Trajectory:
+        """Return the poses of the body, given those of the tracked frame that it is fixed to."""
+        if not self._lever.any() and abs(self._turn[3]) == 1:
+            return tracked
+        if tracked.rotations is None:
+            raise ConfigError('poses without orientation cannot be moved to another frame; leave '
+                              'estimate_to_body and ground_truth_to_body at the identity for them')
+        return replace(
+            tracked, positions=tracked.positions + rotation.rotate(tracked.rotations, self._lever),
+            rotations=rotation.multiply(tracked.rotations, self._turn))
+
+    def crop(self, begin_ns: int, end_ns: int) -> None:
+        """Drop the waiting poses outside [begin, end]; they still tell how far the stream is."""
+        inside = (self.waiting.stamps_ns >= begin_ns) & (self.waiting.stamps_ns <= end_ns)
+        cropped = len(inside) - int(np.count_nonzero(inside))
+        if cropped:
+            self.counts.cropped += cropped
+            self.used -= cropped
+            self.waiting = self.waiting[inside]
+
+    def settle(self, after_ns: int, until_ns: int) -> np.ndarray:
+        """Count the poses in (after, until], whose partners are known; return their intervals."""
+        begin, end = np.searchsorted(self.waiting.stamps_ns, [after_ns, until_ns], side='right')
+        self.settled += int(end - begin)
+        return self.intervals.add(self.waiting.stamps_ns[begin:end])
+
+    def forget(self, before_ns: int) -> None:
+        """Drop all that is earlier but for one pose, which an interpolation may start from."""
+        first = int(np.searchsorted(self.waiting.stamps_ns, before_ns)) - 1
+        if first > 0:
+            self.waiting = self.waiting[first:]
+
+
+class Associator:
+    """
+    Two streams in, pairs out, each decided exactly once.
+
+    The *horizon* is the stamp that both streams have reached. Streams run forwards, so what is
+    nearest to, or around, a pose before the horizon cannot change any more: its pair is decided.
+    Hence neither the order in which the streams arrive nor the size of the batches matters.
+    """
+
+    def __init__(self, config: EvaluationConfig) -> None:
+        self._gap_ns = nanoseconds(config.max_gap_s)
+        self._tolerance_ns = nanoseconds(config.max_difference_s)
+        self._start_ns = nanoseconds(config.start_s)
+        self._end_ns = None if math.isinf(config.end_s) else nanoseconds(config.end_s)
+        self._decided = self._nearest if config.association == 'nearest' else self._interpolated
+        self._horizon_ns = BEFORE_ALL
+        self._begin_ns: int | None = None
+        self.estimate = Stream(self._gap_ns, nanoseconds(config.time_offset_s),
+                               config.estimate_to_body)
+        self.ground_truth = Stream(self._gap_ns, 0, config.ground_truth_to_body)
+        self.closest_ns: int | None = None
+        self._tracked = Intervals(self._gap_ns)
+        self._estimate_intervals: list[np.ndarray] = []
+        self._slow = 0
+
+    def add_estimate(self, poses: Poses, zero_stamps: bool = True) -> Pairs:
+        """Add a batch of the estimate, in its own clock; return the pairs that it decides."""
+        self.estimate.receive(poses, self._horizon_ns, zero_stamps)
+        return self._advance(min(self.estimate.newest_ns, self.ground_truth.newest_ns))
+
+    def add_ground_truth(self, poses: Poses, zero_stamps: bool = True) -> Pairs:
+        """Add a batch of ground truth; return the pairs that it decides."""
+        self.ground_truth.receive(poses, self._horizon_ns, zero_stamps)
+        return self._advance(min(self.estimate.newest_ns, self.ground_truth.newest_ns))
+
+    def flush(self) -> Pairs:
+        """Return the pairs that only more poses could have changed: there will be none."""
+        return self._advance(AFTER_ALL)
+
+    def coverage_ratio(self) -> float:
+        """
+        Return the share of the ground truth's duration in which the estimate was tracking.
+
+        Intervals between poses count where they are no longer than ``max_gap_s`` or three median
+        intervals of the estimate. NaN without ground truth.
+        """
+        limit_ns: float = self._gap_ns
+        if 2 * self._slow >= sum(map(len, self._estimate_intervals)) > 0:
+            # only a slow estimate (a median above a third of the gap) can need a longer limit
+            self._estimate_intervals = [np.concatenate(self._estimate_intervals)]
+            limit_ns = max(limit_ns, 3 * float(np.median(self._estimate_intervals[0])))
+        duration_ns = self.ground_truth.intervals.total_ns(limit_ns)
+        return self._tracked.total_ns(limit_ns) / duration_ns if duration_ns else math.nan
+
+    def _advance(self, horizon_ns: int) -> Pairs:
+        """Return the pairs between the last horizon and this one."""
+        if horizon_ns <= self._horizon_ns:
+            return Pairs.empty()
+        if self._begin_ns is None:
+            self._begin_ns = self.ground_truth.first_ns
+        if len(self.ground_truth.waiting) and (self._start_ns or self._end_ns is not None):
+            self._crop(self._begin_ns)
+        pairs = self._decided(self._horizon_ns, horizon_ns)
+        self._tracked.add(pairs.estimate.stamps_ns)
+        self.ground_truth.settle(self._horizon_ns, horizon_ns)
+        intervals = self.estimate.settle(self._horizon_ns, horizon_ns)
+        self._estimate_intervals.append(intervals)
+        self._slow += int(np.count_nonzero(3 * intervals > self._gap_ns))
+        # a pair after the horizon and whatever could compete for it are at most this far back
+        for stream in (self.estimate, self.ground_truth):
+            stream.forget(horizon_ns - 2 * self._tolerance_ns)
+        self._horizon_ns = horizon_ns
+        return pairs
+
+    def _crop(self, zero_ns: int) -> None:
+        """Drop what lies outside the options' start and end, relative to the first truth."""
+        begin_ns = zero_ns + self._start_ns if self._start_ns else BEFORE_ALL
+        end_ns = AFTER_ALL if self._end_ns is None else zero_ns + self._end_ns
+        for stream in (self.estimate, self.ground_truth):
+            stream.crop(begin_ns, end_ns)
+
+    def _nearest(self, after_ns: int, until_ns: int) -> Pairs:
+        """Return the poses that are each other's nearest, the later of the two in the range."""
+        estimate, truth = self.estimate.waiting, self.ground_truth.waiting
+        if not len(estimate) or not len(truth):
+            return Pairs.empty()
+        partner = nearest(estimate.stamps_ns, truth.stamps_ns)
+        difference = np.abs(estimate.stamps_ns - truth.stamps_ns[partner])
+        self._note_closest(difference)
+        later = np.maximum(estimate.stamps_ns, truth.stamps_ns[partner])
+        chosen = np.flatnonzero((difference <= self._tolerance_ns)
+                                & (later > after_ns) & (later <= until_ns))
+        candidates = partner[chosen]
+        mutual = nearest(truth.stamps_ns[candidates], estimate.stamps_ns) == chosen
+        return Pairs.of(estimate[chosen[mutual]], truth[candidates[mutual]])
+
+    def _interpolated(self, after_ns: int, until_ns: int) -> Pairs:
+        """Return the estimates in the range with ground truth interpolated at their stamps."""
+        truth, stamps = self.ground_truth.waiting, self.ground_truth.waiting.stamps_ns
+        begin, end = np.searchsorted(self.estimate.waiting.stamps_ns, [after_ns, until_ns],
+                                     side='right')
+        estimate = self.estimate.waiting[begin:end]
+        if not len(estimate) or not len(truth):
+            return Pairs.empty()
+        self._note_closest(np.abs(estimate.stamps_ns
+                                  - stamps[nearest(estimate.stamps_ns, stamps)]))
+        after = np.searchsorted(stamps, estimate.stamps_ns)
+        inside = after < len(stamps)
+        estimate, after = estimate[inside], after[inside]
+        exact = stamps[after] == estimate.stamps_ns
+        before = np.where(exact, after, after - 1)
+        usable = (before >= 0) & (stamps[after] - stamps[before] <= self._gap_ns)
+        estimate, before, after = estimate[usable], before[usable], after[usable]
+        weight = ((estimate.stamps_ns - stamps[before])
+                  / np.maximum(stamps[after] - stamps[before], 1))
+        return Pairs.of(estimate, Trajectory(
+            estimate.stamps_ns,
+            truth.positions[before] * (1 - weight)[:, None]
+            + truth.positions[after] * weight[:, None],
+            None if truth.rotations is None else
+            rotation.slerp(truth.rotations[before], truth.rotations[after], weight)))
+
+    def _note_closest(self, differences: np.ndarray) -> None:
+        """Remember the smallest difference seen, to be named where there are no pairs."""
+        closest = int(differences.min())
+        if self.closest_ns is None or closest < self.closest_ns:
+            self.closest_ns = closest

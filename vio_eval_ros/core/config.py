@@ -1,0 +1,168 @@
+"""
+The one table of options.
+
+Parameter descriptions, command-line flags, ``config/evaluator.yaml`` and the table in the docs
+derive from :class:`EvaluationConfig`, so every shell names, describes and rejects the same things
+in the same words.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+import difflib
+import math
+import re
+from typing import Any, NamedTuple
+
+from vio_eval_ros.errors import ConfigError
+
+ASSOCIATIONS = ('nearest', 'interpolate')
+ALIGNMENTS = ('none', 'origin', 'scale', 'posyaw', 'se3', 'sim3')
+RPE_PAIRS = ('all', 'sequential')
+DELTA_UNITS = {'f': 'frames', 's': 'seconds', 'm': 'metres', 'd': 'degrees'}
+
+
+class Delta(NamedTuple):
+    """The distance between the two poses of a relative error: a value and its unit letter."""
+
+    value: float
+    unit: str
+
+    @classmethod
+    def parse(cls, text: str) -> Delta:
+        """Return the delta that ``10f``, ``1s``, ``0.5m`` or ``15d`` means."""
+        match = re.fullmatch(r'(\d+(?:\.\d*)?|\.\d+)([a-z])', text)
+        if not match or match[2] not in DELTA_UNITS or float(match[1]) <= 0:
+            raise ConfigError(
+                f"'{text}' is no delta; write a positive number and f (frames), s (seconds), "
+                'm (metres) or d (degrees), such as 1f, 0.5s or 10m')
+        delta = cls(float(match[1]), match[2])
+        if delta.unit == 'f' and not delta.value.is_integer():
+            raise ConfigError(f"'{text}': frames are counted in whole numbers, such as 10f")
+        return delta
+
+    def __str__(self) -> str:
+        """Return the delta as it is written in options and metric names."""
+        return f'{self.value:g}{self.unit}'
+
+
+def _option(default: Any, description: str, choices: tuple[str, ...] = (),
+            minimum: float | None = None) -> Any:
+    metadata = {'description': description, 'choices': choices, 'minimum': minimum}
+    if isinstance(default, tuple):
+        return field(default_factory=lambda: default, metadata=metadata)
+    return field(default=default, metadata=metadata)
+
+
+@dataclass(frozen=True)
+class EvaluationConfig:
+    """How an estimate is compared with ground truth; ``ConfigError`` where it makes no sense."""
+
+    association: str = _option(
+        'nearest', 'how stamps are matched: the nearest pose of each other, or ground truth '
+        'interpolated at every estimate', ASSOCIATIONS)
+    max_difference_s: float = _option(
+        0.02, 'largest difference between the stamps of a pair (nearest)', minimum=0.0)
+    max_gap_s: float = _option(
+        0.5, 'longest interval that counts as tracking, and over which ground truth is '
+        'interpolated', minimum=0.0)
+    time_offset_s: float = _option(0.0, 'added to the stamps of the estimate')
+    alignment: str = _option(
+        'se3', 'which part of the difference between the two worlds is taken out before the '
+        'absolute error', ALIGNMENTS)
+    align_first_s: float = _option(
+        0.0, 'align on the pairs of the first seconds only; 0 aligns on all', minimum=0.0)
+    rpe_deltas: tuple[str, ...] = _option(
+        ('1f', '1s', '10m'), 'distances between the poses of a relative error: f frames, '
+        's seconds, m metres, d degrees')
+    rpe_pairs: str = _option(
+        'all', 'relative errors start at every pose, or each where the one before ended',
+        RPE_PAIRS)
+    segment_lengths_m: tuple[float, ...] = _option(
+        (), 'lengths of ground-truth path over which drift is given in percent')
+    start_s: float = _option(
+        0.0, 'ignore what comes earlier, relative to the first ground truth', minimum=0.0)
+    end_s: float = _option(
+        math.inf, 'ignore what comes later, relative to the first ground truth', minimum=0.0)
+    estimate_to_body: tuple[float, ...] = _option(
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), 'pose x y z qx qy qz qw of the body in the frame '
+        'that the estimate tracks')
+    ground_truth_to_body: tuple[float, ...] = _option(
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), 'pose x y z qx qy qz qw of the body in the frame '
+        'that the ground truth tracks')
+
+    def __post_init__(self) -> None:
+        """Bring every value to its type, and reject what is out of range."""
+        for option in fields(self):
+            value = _typed(option.name, getattr(self, option.name), option.type)
+            object.__setattr__(self, option.name, value)
+            choices, minimum = option.metadata['choices'], option.metadata['minimum']
+            if choices and value not in choices:
+                raise ConfigError(f"{option.name}: '{value}' is not one of {', '.join(choices)}"
+                                  + nearest_name(value, choices))
+            if minimum is not None and not value >= minimum:
+                raise ConfigError(f'{option.name}: {value:g} is below {minimum:g}')
+        deltas = tuple(str(Delta.parse(delta)) for delta in self.rpe_deltas)
+        object.__setattr__(self, 'rpe_deltas', tuple(dict.fromkeys(deltas)))
+        if self.start_s >= self.end_s:
+            raise ConfigError(f'start_s: {self.start_s:g} is not before end_s: {self.end_s:g}')
+        if not all(length > 0 for length in self.segment_lengths_m):
+            raise ConfigError('segment_lengths_m: every length is a positive number of metres')
+        for name in ('estimate_to_body', 'ground_truth_to_body'):
+            pose = getattr(self, name)
+            if len(pose) != 7 or abs(math.hypot(*pose[3:]) - 1) > 1e-2:
+                raise ConfigError(f'{name}: give x y z qx qy qz qw with a unit quaternion, '
+                                  f"not '{' '.join(f'{v:g}' for v in pose)}'")
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> EvaluationConfig:
+        """Return the options named in ``values``; an unknown name is an error."""
+        names = [option.name for option in fields(cls)]
+        for name in values:
+            if name not in names:
+                raise ConfigError(f"unknown option '{name}'{nearest_name(str(name), names)}")
+        return cls(**values)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return every option as plain numbers, strings and lists; no end is None."""
+        values: dict[str, Any] = {}
+        for option in fields(self):
+            value = getattr(self, option.name)
+            if isinstance(value, tuple):
+                value = list(value)
+            values[option.name] = None if value == math.inf else value
+        return values
+
+
+def nearest_name(name: str, known: Any) -> str:
+    """Return '; did you mean ...?' where a known name is close, else nothing."""
+    close = difflib.get_close_matches(name, list(known), n=1)
+    return f"; did you mean '{close[0]}'?" if close else ''
+
+
+def _typed(name: str, value: Any, kind: Any) -> Any:
+    """Return the value as what the annotation ``kind`` of the option says."""
+    if kind == 'str':
+        if isinstance(value, str):
+            return value
+        raise ConfigError(f"{name}: '{value}' is not a word")
+    if kind == 'float':
+        return _number(name, math.inf if name == 'end_s' and value is None else value)
+    items = [value] if isinstance(value, (str, int, float)) else value
+    if not isinstance(items, (list, tuple)):
+        raise ConfigError(f"{name}: '{value}' is not a list")
+    if kind == 'tuple[str, ...]':
+        return tuple(_typed(name, item, 'str') for item in items)
+    return tuple(_number(name, item) for item in items)
+
+
+def _number(name: str, value: Any) -> float:
+    """Return a number that an option can take: never NaN, infinite only for ``end_s``."""
+    try:
+        number = float('nan' if isinstance(value, bool) else value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if math.isnan(number) or (math.isinf(number) and (name != 'end_s' or number < 0)):
+        raise ConfigError(f"{name}: '{value}' is not a finite number")
+    return number

@@ -1,0 +1,222 @@
+"""
+The evaluation: batches of poses in, a Summary out. Start reading here.
+
+Live node, ``replay`` and ``score`` all drive this one class::
+
+    evaluation = Evaluation(EvaluationConfig(alignment='se3'))
+    evaluation.add_ground_truth(poses)      # any order, any batch size: the same pairs
+    evaluation.add_estimate(poses)
+    evaluation.running()                    # at any moment, cheap: RMSE so far
+    evaluation.flush()                      # no more poses will come
+    evaluation.summary()                    # everything, in one pass over the pairs
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from vio_eval_ros.core.alignment import Alignment, Moments, solve
+from vio_eval_ros.core.association import Associator, nanoseconds, Stream
+from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.metrics import METRICS, Run
+from vio_eval_ros.core.trajectory import PairLog, Pairs, Poses
+
+FEW_PAIRS = 10
+SECOND_NS = 10**9
+
+
+@dataclass(frozen=True, eq=False)
+class Summary:
+    """
+    What an evaluation found.
+
+    :param pairs: all associated poses.
+    :param association: counts, ratios and stamp differences, by their names in the result.
+    :param alignment: takes the estimate into the ground truth's world.
+    :param metrics: name to number, NaN where there is no data.
+    :param warnings: sentences about what the user should know before trusting a number.
+    """
+
+    pairs: Pairs
+    association: dict[str, float]
+    alignment: Alignment
+    metrics: dict[str, float]
+    warnings: list[str]
+
+
+class Evaluation:
+    """Compares an estimate with ground truth, in batches of any size and order."""
+
+    def __init__(self, config: EvaluationConfig) -> None:
+        self.config = config
+        self.associator = Associator(config)
+        self._log = PairLog()
+        self._metrics = [metric(config) for metric in METRICS.values()]
+        self._align_first_ns = nanoseconds(config.align_first_s)
+        self._moments = Moments.empty()
+        self._fitted = Moments.empty()
+
+    def add_estimate(self, poses: Poses, zero_stamps: bool = True) -> None:
+        """Add a batch of estimated poses; ``zero_stamps`` False drops those stamped 0."""
+        self._log.append(self.associator.add_estimate(poses, zero_stamps))
+
+    def add_ground_truth(self, poses: Poses, zero_stamps: bool = True) -> None:
+        """Add a batch of true poses; ``zero_stamps`` False drops those stamped 0."""
+        self._log.append(self.associator.add_ground_truth(poses, zero_stamps))
+
+    def flush(self) -> None:
+        """Decide what only more poses could have changed: the streams have ended."""
+        self._log.append(self.associator.flush())
+
+    def running(self) -> dict[str, float]:
+        """
+        Return the running values over the pairs so far.
+
+        Each call takes in the pairs since the one before. Equal to those of :meth:`summary` to
+        1e-9 relative, as long as the errors are not below 1e-7 of the extent of the trajectory.
+        """
+        pairs = self._log.all()
+        new = pairs[self._moments.count:]
+        self._moments = self._moments.merge(_moments(new))
+        self._fitted = self._moments
+        if self._align_first_ns:
+            self._fitted = _moments(self._to_align(pairs))
+        run = Run(pairs, self._moments, self._solve(self._fitted, pairs), self.associator, [])
+        values: dict[str, float] = {'pairs': len(pairs)}
+        for metric in self._metrics:
+            values |= metric.running(run)
+        return values
+
+    def summary(self) -> Summary:
+        """Return all metrics over the pairs so far."""
+        pairs = self._log.all()
+        warnings = self._stream_warnings()
+        moments = _moments(pairs)
+        fitted = _moments(self._to_align(pairs)) if self._align_first_ns else moments
+        alignment = self._solve(fitted, pairs)
+        if len(pairs) and not alignment.observable:
+            warnings.append(self._unobservable(len(pairs)))
+        elif len(pairs) < FEW_PAIRS:
+            warnings.append(f'only {len(pairs)} pairs: the numbers mean little')
+        run = Run(pairs, moments, alignment, self.associator, warnings)
+        metrics: dict[str, float] = {}
+        for metric in self._metrics:
+            metrics |= metric.final(run)
+        return Summary(pairs, self._association(pairs, metrics), alignment, metrics, warnings)
+
+    def no_pairs(self) -> str:
+        """Return why there are no pairs, in one line with both time spans."""
+        estimate, truth = self.associator.estimate, self.associator.ground_truth
+        for name, stream in (('estimate', estimate), ('ground truth', truth)):
+            if not stream.used:
+                dropped = _listed(stream.counts.dropped)
+                return f'no pairs: the {name} has no usable pose' + (
+                    f' (dropped: {dropped})' if dropped else '')
+        spans = f'estimate spans {_span(estimate)} s, ground truth {_span(truth)} s'
+        closest_ns = self.associator.closest_ns
+        tolerance = (f'within {self.config.max_difference_s:g} s'
+                     if self.config.association == 'nearest' else
+                     f'where ground truth has no gap above {self.config.max_gap_s:g} s')
+        if closest_ns is None or estimate.first_ns > truth.newest_ns \
+                or truth.first_ns > estimate.newest_ns:
+            return f'no pairs {tolerance}: {spans}; are the clocks the same?'
+        return (f'no pairs {tolerance}: {spans}; the closest stamps are {closest_ns / 1e9:g} s '
+                'apart; is --max-difference-s too small, or --association interpolate meant?')
+
+    def _to_align(self, pairs: Pairs) -> Pairs:
+        """Return the pairs of the first ``align_first_s`` seconds."""
+        stamps = pairs.estimate.stamps_ns
+        if not len(stamps):
+            return pairs
+        return pairs[:np.searchsorted(stamps, stamps[0] + self._align_first_ns, side='right')]
+
+    def _solve(self, fitted: Moments, pairs: Pairs) -> Alignment:
+        return solve(self.config.alignment, fitted, pairs[:1])
+
+    def _association(self, pairs: Pairs, metrics: dict[str, float]) -> dict[str, float]:
+        estimate, truth = self.associator.estimate, self.associator.ground_truth
+        difference = np.abs(pairs.estimate.stamps_ns - pairs.ground_truth.stamps_ns) / 1e9
+        one_to_one = self.config.association == 'nearest'
+        return {
+            'pairs': len(pairs),
+            'coverage_ratio': metrics['coverage_ratio'],
+            'matched_ratio': metrics['matched_ratio'],
+            'abs_difference_mean_s': float(difference.mean()) if len(pairs) else math.nan,
+            'abs_difference_max_s': float(difference.max()) if len(pairs) else math.nan,
+            'unmatched_estimates': estimate.settled - len(pairs),
+            'unmatched_ground_truth': truth.settled - len(pairs) if one_to_one else math.nan,
+        }
+
+    def _unobservable(self, pairs: int) -> str:
+        if self.config.alignment == 'origin':
+            return 'alignment origin needs the orientations of both first poses: errors are null'
+        why = f'only {pairs} pairs' if pairs < 3 else 'the ground truth stands still or moves ' \
+            'along a line'
+        return (f'{why}: the rotation of the {self.config.alignment} alignment is not determined; '
+                'rotation errors are null')
+
+    def _stream_warnings(self) -> list[str]:
+        warnings = []
+        for name, stream in (('estimate', self.associator.estimate),
+                             ('ground truth', self.associator.ground_truth)):
+            dropped = _listed(stream.counts.dropped)
+            if dropped:
+                warnings.append(f'{name}: dropped {dropped}')
+            if stream.counts.went_backwards:
+                warnings.append(f'{name}: {stream.counts.went_backwards} stamps went backwards; '
+                                'sorted')
+            if stream.counts.scaled_quaternion:
+                warnings.append(f'{name}: {stream.counts.scaled_quaternion} quaternions were far '
+                                'from unit length; normalised')
+        return warnings
+
+
+def metric_names(config: EvaluationConfig) -> list[str]:
+    """Return the names of all metrics that these options give."""
+    return list(Evaluation(config).summary().metrics)
+
+
+def running_series(config: EvaluationConfig, estimate: Poses, ground_truth: Poses,
+                   zero_stamps: bool = True) -> Iterator[tuple[int, dict[str, float]]]:
+    """
+    Yield stamp and running values as a live evaluation would have had them, second by second.
+
+    A row stands at every whole second of stamps by which new poses have arrived. The last one
+    stands at the newest stamp and has the final values.
+    """
+    offset_ns = nanoseconds(config.time_offset_s)
+    streams = [poses[np.argsort(poses.stamps_ns, kind='stable')]
+               for poses in (estimate, ground_truth)]
+    clocks = [streams[0].stamps_ns + offset_ns, streams[1].stamps_ns]
+    ticks = np.unique(-(-np.concatenate(clocks) // SECOND_NS)) * SECOND_NS
+    ends = [np.searchsorted(clock, ticks, side='right').tolist() for clock in clocks]
+    evaluation, begins = Evaluation(config), [0, 0]
+    for stamp_ns, *end in zip(ticks[:-1].tolist(), *ends, strict=False):
+        evaluation.add_estimate(streams[0][begins[0]:end[0]], zero_stamps)
+        evaluation.add_ground_truth(streams[1][begins[1]:end[1]], zero_stamps)
+        begins = end
+        yield stamp_ns, evaluation.running()
+    evaluation.add_estimate(streams[0][begins[0]:], zero_stamps)
+    evaluation.add_ground_truth(streams[1][begins[1]:], zero_stamps)
+    evaluation.flush()
+    summary = evaluation.summary()
+    final = {'pairs': len(summary.pairs)} | summary.metrics
+    yield max(int(clock[-1]) for clock in clocks), {name: final[name]
+                                                   for name in evaluation.running()}
+
+
+def _moments(pairs: Pairs) -> Moments:
+    return Moments.of(pairs.estimate.positions, pairs.ground_truth.positions)
+
+
+def _listed(dropped: dict[str, int]) -> str:
+    return ', '.join(f"{count} {reason.replace('_', '-')}"
+                     for reason, count in dropped.items() if count)
+
+
+def _span(stream: Stream) -> str:
+    return f'{stream.first_ns / 1e9:.1f} to {stream.newest_ns / 1e9:.1f}'

@@ -1,0 +1,83 @@
+"""Limits on metrics: what makes a run pass or fail."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+import math
+import re
+from typing import Any, NamedTuple
+
+from vio_eval_ros.core.config import nearest_name
+from vio_eval_ros.errors import ConfigError
+
+LIMITS = {'max': '<=', 'min': '>='}
+
+
+class Gate(NamedTuple):
+    """A metric and the limit that it must keep: ``<=`` a ceiling or ``>=`` a floor."""
+
+    metric: str
+    comparison: str
+    limit: float
+
+    @classmethod
+    def parse(cls, text: str) -> Gate:
+        """Return the gate that ``ate_trans_rmse_m<=0.1`` means."""
+        match = re.fullmatch(r'\s*(\S+?)\s*(<=|>=)\s*(\S+)\s*', text)
+        if not match:
+            raise ConfigError(f"gate '{text}': write METRIC<=LIMIT or METRIC>=LIMIT, such as "
+                              "'ate_trans_rmse_m<=0.1'")
+        return cls(match[1], match[2], _limit(match[1], match[3]))
+
+    @classmethod
+    def from_mapping(cls, limits: Mapping[str, Any]) -> list[Gate]:
+        """Return the gates of ``{metric: {max: number, min: number}}``."""
+        gates = []
+        for metric, bounds in limits.items():
+            if not isinstance(bounds, Mapping) or not bounds or not bounds.keys() <= LIMITS.keys():
+                raise ConfigError(f'gate {metric}: give its limits as {{max: number}}, '
+                                  f'{{min: number}} or both, not {bounds!r}')
+            gates += [cls(str(metric), LIMITS[bound], _limit(str(metric), limit))
+                      for bound, limit in bounds.items()]
+        return gates
+
+    def passes(self, value: float) -> bool:
+        """Return whether a value keeps the limit; NaN never does."""
+        return value <= self.limit if self.comparison == '<=' else value >= self.limit
+
+    def __str__(self) -> str:
+        """Return the gate as it is written on the command line."""
+        return f'{self.metric}{self.comparison}{self.limit:g}'
+
+
+class Verdict(NamedTuple):
+    """A gate, the value that was measured, and whether it passed."""
+
+    gate: Gate
+    value: float
+    passed: bool
+
+
+def check_names(gates: Iterable[Gate], known: Iterable[str]) -> None:
+    """Raise ``ConfigError`` for a gate on a metric that the evaluation does not give."""
+    names = list(known)
+    for gate in gates:
+        if gate.metric not in names:
+            raise ConfigError(f"gate '{gate}': there is no metric '{gate.metric}' with these "
+                              f'options{nearest_name(gate.metric, names)}')
+
+
+def judge(gates: Iterable[Gate], metrics: Mapping[str, float]) -> list[Verdict]:
+    """Return the verdict of each gate."""
+    return [Verdict(gate, metrics[gate.metric], gate.passes(metrics[gate.metric]))
+            for gate in gates]
+
+
+def _limit(metric: str, value: Any) -> float:
+    try:
+        limit = float('nan' if isinstance(value, bool) else value)
+    except (TypeError, ValueError):
+        limit = math.nan
+    if not math.isfinite(limit):
+        raise ConfigError(f"gate {metric}: '{value}' is no finite number")
+    return limit

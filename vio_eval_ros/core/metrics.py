@@ -1,0 +1,429 @@
+"""
+What is measured, given pairs and an alignment: one class a family, one line in METRICS.
+
+Every family gives flat names ``<metric>_<quantity>_<statistic>_<unit>``; the same names come with
+NaN where there is no data. The rotation A = R_g R_eᵀ of each pair (``Pairs.turns``) carries all
+orientation errors: the absolute one is the angle between the alignment's R and A, the relative one
+from pair i to pair j the angle between A_i and A_j.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from vio_eval_ros.core import rotation
+from vio_eval_ros.core.alignment import Alignment, Moments, solve
+from vio_eval_ros.core.association import Associator, nanoseconds, nearest
+from vio_eval_ros.core.config import Delta, DELTA_UNITS, EvaluationConfig
+from vio_eval_ros.core.statistics import root_mean_square, statistics
+from vio_eval_ros.core.trajectory import Pairs
+
+ALWAYS_ALIGNED = ('none', 'posyaw', 'se3', 'sim3')
+RPE_KINDS = {'trans': 'm', 'rot': 'deg', 'disp': 'm', 'dist': 'm'}
+DELTA_TOLERANCE = 0.1
+SEGMENT_STEP = 10
+KITTI_LENGTHS_M = tuple(range(100, 900, 100))
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """
+    What metrics are computed from.
+
+    :param pairs: all pairs so far.
+    :param moments: of their positions.
+    :param alignment: the chosen one.
+    :param associator: where the pairs come from.
+    :param warnings: sentences for the user; metrics may add to them.
+    """
+
+    pairs: Pairs
+    moments: Moments
+    alignment: Alignment
+    associator: Associator
+    warnings: list[str]
+
+
+class Metric:
+    """A family of metrics; a subclass may also keep running values up to date."""
+
+    def __init__(self, config: EvaluationConfig) -> None:
+        self.config = config
+
+    def final(self, run: Run) -> dict[str, float]:
+        """Return the metrics over all pairs, in one pass."""
+        raise NotImplementedError
+
+    def running(self, run: Run) -> dict[str, float]:
+        """Return those metrics that can be kept up to date as pairs arrive."""
+        return {}
+
+
+def named(prefix: str, unit: str, errors: np.ndarray) -> dict[str, float]:
+    """Return the statistics of (N,) errors under their full names."""
+    return {f'{prefix}_{name}_{unit}': value for name, value in statistics(errors).items()}
+
+
+def lengths(vectors: np.ndarray) -> np.ndarray:
+    """Return the (N,) lengths of (N, 3) vectors."""
+    return np.sqrt(np.einsum('ij,ij->i', vectors, vectors))
+
+
+def position_errors(pairs: Pairs, alignment: Alignment) -> np.ndarray:
+    """Return the (N,) metres |s R e + t - g|."""
+    return lengths(alignment.positions(pairs.estimate) - pairs.ground_truth.positions)
+
+
+def rotation_errors(pairs: Pairs, alignment: Alignment) -> np.ndarray:
+    """Return the (N,) degrees of (R R_e)ᵀ R_g; NaN without orientations or a known R."""
+    if pairs.turns is None or not alignment.observable:
+        return np.full(len(pairs), math.nan)
+    return np.degrees(rotation.angle_between(pairs.turns, alignment.rotation))
+
+
+class Ate(Metric):
+    """Absolute errors of position and orientation under the alignment (Sturm et al. 2012)."""
+
+    def final(self, run: Run) -> dict[str, float]:
+        """Return all statistics under the chosen alignment, the RMSE under the usual ones."""
+        return (named('ate_trans', 'm', position_errors(run.pairs, run.alignment))
+                | named('ate_rot', 'deg', rotation_errors(run.pairs, run.alignment))
+                | self._usual(run, lambda alignment: root_mean_square(
+                    position_errors(run.pairs, alignment))))
+
+    def running(self, run: Run) -> dict[str, float]:
+        """Return the RMSE: of positions in closed form, of angles over all so far."""
+        angles = rotation_errors(run.pairs, run.alignment)
+        return {'ate_trans_rmse_m': math.sqrt(run.alignment.mean_square(run.moments)),
+                'ate_rot_rmse_deg': root_mean_square(angles)} | self._usual(
+                    run, lambda alignment: math.sqrt(alignment.mean_square(run.moments)))
+
+    def _usual(self, run: Run, rmse: Callable[[Alignment], float]) -> dict[str, float]:
+        usual = {mode: solve(mode, run.moments, run.pairs[:1]) for mode in ALWAYS_ALIGNED}
+        return ({f'ate_{mode}_trans_rmse_m': rmse(alignment)
+                 for mode, alignment in usual.items()} | {'sim3_scale': usual['sim3'].scale})
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """
+    Relative motions of both sides, from pairs i to pairs j, M of them.
+
+    :param estimate: (M, 3) displacements e_j - e_i, in the estimate's world.
+    :param truth: (M, 3) displacements g_j - g_i, in the ground truth's world.
+    :param turned: (M, 3) displacements A_i (e_j - e_i): those of an estimate that had the true
+        orientation at i; NaN without orientations.
+    :param angles: (M,) radians between the relative rotations; NaN without orientations.
+    """
+
+    estimate: np.ndarray
+    truth: np.ndarray
+    turned: np.ndarray
+    angles: np.ndarray
+
+    @classmethod
+    def between(cls, pairs: Pairs, begin: np.ndarray, end: np.ndarray) -> Motion:
+        """Return the relative motions between pairs with these (M,) indices."""
+        estimate, truth = pairs.estimate.positions, pairs.ground_truth.positions
+        moved = estimate[end] - estimate[begin]
+        if pairs.turns is None:
+            turned, angles = np.full_like(moved, math.nan), np.full(len(moved), math.nan)
+        else:
+            at_begin = pairs.turns[begin]
+            turned = rotation.rotate(at_begin, moved)
+            angles = rotation.angle_between(pairs.turns[end], at_begin)
+        return cls(moved, truth[end] - truth[begin], turned, angles)
+
+    def pose_errors(self, scale: float) -> np.ndarray:
+        """Return the (M,) metres |E_t| of E = (G_i⁻¹ G_j)⁻¹ (P_i⁻¹ P_j)."""
+        return lengths(scale * self.turned - self.truth)
+
+    def errors(self, alignment: Alignment) -> dict[str, np.ndarray]:
+        """Return the four kinds of (M,) relative errors, in metres and degrees."""
+        scale = alignment.scale
+        aligned = (scale * self.estimate) @ alignment.matrix.T
+        return {
+            'trans': self.pose_errors(scale),
+            'rot': np.degrees(self.angles),
+            'disp': lengths(aligned - self.truth),
+            'dist': np.abs(scale * lengths(self.estimate) - lengths(self.truth)),
+        }
+
+
+def progress_along(pairs: Pairs, unit: str) -> np.ndarray:
+    """
+    Return (N,) how far each pair is from the first, in the unit of a delta.
+
+    Frames are counted over pairs; nanoseconds pass between stamps of the estimate; metres and
+    degrees accumulate along the ground truth. NaN for degrees without orientations.
+    """
+    if unit == 'f':
+        return np.arange(len(pairs))
+    if unit == 's':
+        return pairs.estimate.stamps_ns - pairs.estimate.stamps_ns[:1]
+    if unit == 'm':
+        steps = lengths(np.diff(pairs.ground_truth.positions, axis=0))
+    else:
+        turns = pairs.ground_truth.rotations
+        if turns is None:
+            return np.full(len(pairs), math.nan)
+        steps = np.degrees(rotation.angle_between(turns[1:], turns[:-1]))
+    return np.concatenate([np.zeros(min(len(pairs), 1)), np.cumsum(steps)])
+
+
+@dataclass(frozen=True, eq=False)
+class Candidates:
+    """
+    Which pairs may be a delta apart, in order.
+
+    :param begin: (M,) indices.
+    :param end: (M,) indices of what is nearest to a delta further.
+    :param target: (M,) where ``end`` should be, along :func:`progress_along`.
+    :param usable: (M,) whether it is near enough.
+    """
+
+    begin: np.ndarray
+    end: np.ndarray
+    target: np.ndarray
+    usable: np.ndarray
+
+
+def candidates(along: np.ndarray, delta: Delta, mode: str, origin: float = 0.0) -> Candidates:
+    """
+    Return from which pair to which a delta leads.
+
+    :param along: (N,) non-decreasing, from :func:`progress_along`.
+    :param mode: ``all`` starts at every pair; ``sequential`` goes from mark to mark, every delta
+        from ``origin`` on, and takes the pair nearest to each mark.
+    """
+    step = delta.value * 1e9 if delta.unit == 's' else delta.value
+    step = round(step) if delta.unit in 'fs' else step
+    if not len(along) or math.isnan(along[-1]):
+        nothing = np.empty(0, np.int64)
+        return Candidates(nothing, nothing, nothing, nothing.astype(bool))
+    if mode == 'all':
+        begin, target = np.arange(len(along)), along + step
+        end, adjacent = _first_nearest(target, along), True
+    else:
+        marks = np.unique(np.rint((along - origin) / step).astype(np.int64))
+        places = marks * step + origin
+        poses = _first_nearest(places, along)
+        begin, end, target = poses[:-1], poses[1:], places[1:]
+        adjacent = np.diff(marks) == 1
+    tolerance = 0 if delta.unit == 'f' else DELTA_TOLERANCE * step
+    return Candidates(begin, end, target, (end > begin) & adjacent
+                      & (np.abs(along[end] - along[begin] - step) <= tolerance))
+
+
+def _first_nearest(places: np.ndarray, along: np.ndarray) -> np.ndarray:
+    """Return the first of the indices nearest to each place; ``along`` may stand still."""
+    index = nearest(places, along)
+    return np.searchsorted(along, along[index])
+
+
+class Rpe(Metric):
+    """Relative errors over each delta: of pose, rotation, displacement and distance."""
+
+    def __init__(self, config: EvaluationConfig) -> None:
+        super().__init__(config)
+        self._deltas = [Delta.parse(text) for text in config.rpe_deltas]
+        self._running = [RunningRpe(delta, config.rpe_pairs) for delta in self._deltas]
+
+    def final(self, run: Run) -> dict[str, float]:
+        """Return all statistics of the four kinds of error, and how many there are."""
+        metrics: dict[str, float] = {}
+        for delta in self._deltas:
+            found = candidates(progress_along(run.pairs, delta.unit), delta, self.config.rpe_pairs)
+            begin, end = found.begin[found.usable], found.end[found.usable]
+            errors = Motion.between(run.pairs, begin, end).errors(run.alignment)
+            for kind, unit in RPE_KINDS.items():
+                metrics |= named(f'rpe_{delta}_{kind}', unit, errors[kind])
+            metrics[f'rpe_{delta}_pairs'] = len(begin)
+            self._warn(run, delta, begin, end)
+        return metrics
+
+    def running(self, run: Run) -> dict[str, float]:
+        """Return the RMSE of the four kinds over the relative motions decided so far."""
+        metrics: dict[str, float] = {}
+        for series in self._running:
+            metrics |= series.update(run)
+        return metrics
+
+    def _warn(self, run: Run, delta: Delta, begin: np.ndarray, end: np.ndarray) -> None:
+        if not len(begin):
+            run.warnings.append(f'rpe_{delta}: no two pairs are {delta.value:g} '
+                                f'{DELTA_UNITS[delta.unit]} apart')
+        elif delta.unit == 'f':
+            intervals = np.diff(run.pairs.estimate.stamps_ns)
+            limit_ns = max(nanoseconds(self.config.max_gap_s), 3 * float(np.median(intervals)))
+            gaps = np.concatenate([[0], np.cumsum(intervals > limit_ns)])
+            bridging = int(np.count_nonzero(gaps[end] > gaps[begin]))
+            if bridging:
+                run.warnings.append(f'rpe_{delta}: {bridging} of {len(begin)} relative motions '
+                                    f'bridge a gap longer than {limit_ns / 1e9:g} s')
+
+
+class RunningRpe:
+    """
+    The RMSE of relative errors over one delta, kept up to date as pairs arrive.
+
+    The alignment of the moment may still change; it enters the squared errors polynomially, so
+    sums over the motions are kept instead of sums over errors.
+    """
+
+    def __init__(self, delta: Delta, mode: str) -> None:
+        self._delta = delta
+        self._mode = mode
+        self._next = 0
+        self._mark = 0.0
+        self._count = 0
+        self._sums = np.zeros(8)
+        self._cross = np.zeros((3, 3))
+
+    def update(self, run: Run) -> dict[str, float]:
+        """Take in what the pairs since the last call decide; return the four values."""
+        pairs = run.pairs[self._next:]
+        along = progress_along(pairs, self._delta.unit)
+        found = candidates(along, self._delta, self._mode, self._mark)
+        # no pair to come can be nearer to a place that has been reached
+        decided = int(np.searchsorted(found.target, along[-1], side='right')) if len(along) else 0
+        usable = np.flatnonzero(found.usable[:decided])
+        self._add(Motion.between(pairs, found.begin[usable], found.end[usable]))
+        if self._mode == 'all':
+            self._next += decided
+        elif decided:
+            last = found.end[decided - 1]
+            self._mark = float(found.target[decided - 1] - along[last])
+            self._next += int(last)
+        return {f'rpe_{self._delta}_{kind}_rmse_{unit}': value for (kind, unit), value
+                in zip(RPE_KINDS.items(), self._rmse(run.alignment), strict=True)}
+
+    def _add(self, motion: Motion) -> None:
+        pose = motion.turned - motion.truth
+        own, true = lengths(motion.estimate), lengths(motion.truth)
+        distance = own - true
+        self._count += len(own)
+        self._cross += motion.estimate.T @ motion.truth
+        self._sums += [np.sum(pose * pose), np.sum(pose * motion.turned), np.sum(motion.turned**2),
+                       distance @ distance, distance @ own, own @ own, true @ true,
+                       motion.angles @ motion.angles]
+
+    def _rmse(self, alignment: Alignment) -> list[float]:
+        """Return the RMSE of the kinds; with d = x - y: |s x - y|² = |d + (s - 1) x|²."""
+        if not self._count:
+            return [math.nan] * len(RPE_KINDS)
+        scale, more = alignment.scale, alignment.scale - 1
+        pose, pose_own, pose_square, distance, distance_own, own, true, angle = self._sums
+        squares = (
+            pose + 2 * more * pose_own + more**2 * pose_square,
+            angle,
+            scale**2 * own + true - 2 * scale * np.sum(alignment.matrix.T * self._cross),
+            distance + 2 * more * distance_own + more**2 * own,
+        )
+        trans, rot, disp, dist = (math.sqrt(max(square / self._count, 0.0)) if square == square
+                                  else math.nan for square in squares)
+        return [trans, math.degrees(rot), disp, dist]
+
+
+class Segments(Metric):
+    """Drift over lengths of path, as the KITTI benchmark takes it (Geiger et al. 2012)."""
+
+    def final(self, run: Run) -> dict[str, float]:
+        """Return the mean drift over each length, and the KITTI mean over 100 to 800 m."""
+        path = progress_along(run.pairs, 'm')
+        metrics: dict[str, float] = {}
+        for length in self.config.segment_lengths_m:
+            metrics |= self._drift(f'segment_{length:g}m', run, path, (length,))
+        return metrics | self._drift('kitti', run, path, KITTI_LENGTHS_M)
+
+    def _drift(self, name: str, run: Run, path: np.ndarray,
+               over: tuple[float, ...]) -> dict[str, float]:
+        begin = np.arange(0, len(path), SEGMENT_STEP)
+        translations, angles = [np.empty(0)], [np.empty(0)]
+        for length in over:
+            end = np.searchsorted(path, path[begin] + length, side='right')
+            inside = end < len(path)
+            motion = Motion.between(run.pairs, begin[inside], end[inside])
+            translations.append(motion.pose_errors(run.alignment.scale) / length)
+            angles.append(motion.angles / length)
+        drift, turn = np.concatenate(translations), np.concatenate(angles)
+        return {f'{name}_trans_percent': 100 * _mean(drift),
+                f'{name}_rot_deg_per_m': math.degrees(_mean(turn)),
+                f'{name}_segments': len(drift)}
+
+
+class Path(Metric):
+    """How far the run went, and how far off it ended for that."""
+
+    def final(self, run: Run) -> dict[str, float]:
+        """
+        Return the ground truth's path over the pairs, and the drift at the end in percent of it.
+
+        The drift is the relative pose error from the first pair to the last.
+        """
+        path = progress_along(run.pairs, 'm')
+        length = float(path[-1]) if len(path) else math.nan
+        drift = math.nan
+        if length > 0:
+            whole = Motion.between(run.pairs, np.array([0]), np.array([len(path) - 1]))
+            drift = 100 * float(whole.pose_errors(run.alignment.scale)[0]) / length
+        return {'path_length_m': length, 'drift_percent': drift}
+
+
+class Nees(Metric):
+    """Whether the estimate's own covariance fits its errors: 3 is consistent."""
+
+    def final(self, run: Run) -> dict[str, float]:
+        """Return the mean squares of position and orientation errors over their covariance."""
+        estimate, turns = run.pairs.estimate, run.pairs.turns
+        position = orientation = math.nan
+        if estimate.covariances is not None and run.alignment.observable:
+            back = rotation.conjugate(run.alignment.rotation)
+            truth = run.pairs.ground_truth.positions - run.alignment.translation
+            error = rotation.rotate(back, truth) / run.alignment.scale - estimate.positions
+            position = self._mean('position', run, error, 0)
+            if turns is not None:
+                error = rotation.to_rotation_vector(rotation.multiply(back, turns))
+                orientation = self._mean('orientation', run, error, 1)
+        return {'nees_position_mean': position, 'nees_orientation_mean': orientation}
+
+    def _mean(self, name: str, run: Run, errors: np.ndarray, block: int) -> float:
+        """Return the mean over the pairs whose covariance is positive definite."""
+        covariances = run.pairs.estimate.covariances[:, block]  # type: ignore[index]
+        usable = np.linalg.eigvalsh(covariances)[:, 0] > 0
+        if not usable.all():
+            run.warnings.append(f'nees_{name}: {np.count_nonzero(~usable)} of {len(usable)} '
+                                'covariances are not positive definite and left out')
+        errors = errors[usable]
+        weighted = np.linalg.solve(covariances[usable], errors[..., None])[..., 0]
+        return _mean(np.sum(errors * weighted, axis=1))
+
+
+class Coverage(Metric):
+    """How much of the run was evaluated at all: the condition of every other number."""
+
+    def final(self, run: Run) -> dict[str, float]:
+        """Return the share of the time that was tracked, and of the estimates that were paired."""
+        settled = run.associator.estimate.settled
+        return {'coverage_ratio': run.associator.coverage_ratio(),
+                'matched_ratio': len(run.pairs) / settled if settled else math.nan}
+
+    running = final
+
+
+def _mean(values: np.ndarray) -> float:
+    return float(values.mean()) if len(values) else math.nan
+
+
+METRICS: dict[str, Callable[[EvaluationConfig], Metric]] = {
+    'ate': Ate,
+    'rpe': Rpe,
+    'segments': Segments,
+    'path': Path,
+    'nees': Nees,
+    'coverage': Coverage,
+}

@@ -1,0 +1,229 @@
+"""Poses in columns: as received (Poses), in order (Trajectory), and matched (Pairs)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+
+from vio_eval_ros.core import rotation
+
+Columns = TypeVar('Columns', bound='Poses')
+
+MIN_QUATERNION_NORM = 1e-6
+UNIT_QUATERNION_TOLERANCE = 1e-2
+COLUMNS = ('stamps_ns', 'positions', 'rotations', 'covariances')
+
+
+@dataclass(frozen=True, eq=False)
+class Poses:
+    """
+    Poses of a body in a world frame, in columns, in the order in which they arrived.
+
+    Nothing is promised of the values: stamps may repeat or go backwards, numbers may be NaN,
+    quaternions need not have unit length. :func:`clean` makes a :class:`Trajectory` of them.
+
+    :param stamps_ns: (N,) int64 nanoseconds.
+    :param positions: (N, 3) float64 metres, world frame.
+    :param rotations: (N, 4) float64 quaternions x y z w, body to world; None where only positions
+        are known.
+    :param covariances: (N, 2, 3, 3) float64: of the position [m²] and of the orientation
+        [rad²] (rotations about the fixed world axes); None where the source carries none.
+    """
+
+    stamps_ns: np.ndarray
+    positions: np.ndarray
+    rotations: np.ndarray | None = None
+    covariances: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        """Return the number of poses."""
+        return len(self.stamps_ns)
+
+    def __getitem__(self: Columns, index: Any) -> Columns:
+        """Return the rows that a slice, mask or index array selects."""
+        columns = (getattr(self, name) for name in COLUMNS)
+        return type(self)(*(None if c is None else c[index] for c in columns))
+
+    @classmethod
+    def concatenate(cls: type[Columns], parts: Sequence[Columns]) -> Columns:
+        """Return all parts in one; a column that any non-empty part lacks is None."""
+        parts = [part for part in parts if len(part)] or list(parts[:1])
+        if len(parts) == 1:
+            return parts[0]
+        columns = ([getattr(part, name) for part in parts] for name in COLUMNS)
+        return cls(*(None if any(c is None for c in column) else np.concatenate(column)
+                     for column in columns))
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory(Poses):
+    """
+    Poses of a body in a world frame, in columns, sorted by stamp.
+
+    As :class:`Poses`, and ``stamps_ns`` is strictly increasing, every number is finite and
+    ``rotations`` are unit quaternions.
+    """
+
+    @classmethod
+    def empty(cls) -> Trajectory:
+        """Return a trajectory without poses, to which any other can be joined."""
+        return cls(np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 4)))
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """
+    Associated poses: row k of all columns belongs together.
+
+    :param estimate: N poses; stamps include the configured time offset.
+    :param ground_truth: N poses; where they were interpolated, at the estimate's stamps.
+    :param turns: (N, 4) quaternions of A = R_g R_eᵀ, from the estimated to the true orientation;
+        None where either is unknown.
+    """
+
+    estimate: Trajectory
+    ground_truth: Trajectory
+    turns: np.ndarray | None
+
+    @classmethod
+    def of(cls, estimate: Trajectory, ground_truth: Trajectory) -> Pairs:
+        """Return the pairs of N estimated and N true poses."""
+        if estimate.rotations is None or ground_truth.rotations is None:
+            return cls(estimate, ground_truth, None)
+        return cls(estimate, ground_truth, rotation.multiply(
+            ground_truth.rotations, rotation.conjugate(estimate.rotations)))
+
+    def __len__(self) -> int:
+        """Return the number of pairs."""
+        return len(self.estimate)
+
+    def __getitem__(self, index: Any) -> Pairs:
+        """Return the pairs that a slice, mask or index array selects."""
+        return Pairs(self.estimate[index], self.ground_truth[index],
+                     None if self.turns is None else self.turns[index])
+
+    @classmethod
+    def empty(cls) -> Pairs:
+        """Return no pairs."""
+        return cls.of(Trajectory.empty(), Trajectory.empty())
+
+
+class PairLog:
+    """All pairs of a run, appended in batches; reading them copies nothing."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._pairs = Pairs.empty()
+
+    def append(self, pairs: Pairs) -> None:
+        """Add pairs at the end; a column that they lack is lost for all."""
+        if not len(pairs):
+            return
+        if self._count:
+            self._pairs = Pairs(
+                Trajectory(*(self._grown(getattr(self._pairs.estimate, name),
+                                         getattr(pairs.estimate, name)) for name in COLUMNS)),
+                Trajectory(*(self._grown(getattr(self._pairs.ground_truth, name),
+                                         getattr(pairs.ground_truth, name)) for name in COLUMNS)),
+                self._grown(self._pairs.turns, pairs.turns))
+        else:
+            self._pairs = pairs
+        self._count += len(pairs)
+
+    def _grown(self, column: np.ndarray | None, new: np.ndarray | None) -> np.ndarray | None:
+        """Return the column with the new rows, in a buffer that doubles when it is full."""
+        if column is None or new is None:
+            return None
+        end = self._count + len(new)
+        if end > len(column):
+            bigger = np.empty((max(end, 2 * len(column)), *column.shape[1:]), column.dtype)
+            bigger[:self._count] = column[:self._count]
+            column = bigger
+        column[self._count:end] = new
+        return column
+
+    def all(self) -> Pairs:
+        """Return all pairs so far."""
+        return self._pairs[:self._count]
+
+
+@dataclass
+class Cleaning:
+    """
+    What :func:`clean` and association threw away of one stream, and why.
+
+    Poses that ``went_backwards`` (stamps behind an earlier one, sorted into place) and those with
+    a ``scaled_quaternion`` (normalised, though far from unit length) were kept, all others
+    dropped; ``late`` ones arrived after their pairing was decided, ``cropped`` ones lie outside
+    ``start_s`` to ``end_s``.
+    """
+
+    non_finite: int = 0
+    zero_quaternion: int = 0
+    zero_stamp: int = 0
+    duplicate: int = 0
+    late: int = 0
+    cropped: int = 0
+    went_backwards: int = 0
+    scaled_quaternion: int = 0
+
+    @property
+    def dropped(self) -> dict[str, int]:
+        """Return the number of dropped poses for each reason."""
+        kept = ('went_backwards', 'scaled_quaternion')
+        return {reason: n for reason, n in asdict(self).items() if reason not in kept}
+
+
+def clean(poses: Poses, counts: Cleaning, newest_ns: int | None = None,
+          zero_stamps: bool = True) -> Trajectory:
+    """
+    Return the usable poses in order of their stamps; add what was wrong to ``counts``.
+
+    Rows with a non-finite number or a quaternion of length zero are dropped, other quaternions
+    normalised; of equal stamps the first to arrive stays.
+
+    :param newest_ns: the newest stamp of earlier batches of the same stream, if any.
+    :param zero_stamps: False drops poses stamped 0, as messages published before ``/clock`` are.
+    """
+    keep = np.isfinite(poses.positions).all(axis=1)
+    if poses.rotations is not None:
+        keep &= np.isfinite(poses.rotations).all(axis=1)
+    counts.non_finite += len(poses) - int(np.count_nonzero(keep))
+    if not zero_stamps:
+        counts.zero_stamp += int(np.count_nonzero(keep & (poses.stamps_ns == 0)))
+        keep &= poses.stamps_ns != 0
+    if not keep.all():
+        poses = poses[keep]
+    rotations = poses.rotations
+    if rotations is not None:
+        norms = np.linalg.norm(rotations, axis=1)
+        usable = norms >= MIN_QUATERNION_NORM
+        if not usable.all():
+            counts.zero_quaternion += int(np.count_nonzero(~usable))
+            poses, norms = poses[usable], norms[usable]
+        counts.scaled_quaternion += int(np.count_nonzero(
+            np.abs(norms - 1) > UNIT_QUATERNION_TOLERANCE))
+        rotations = poses.rotations / norms[:, None]  # type: ignore[operator]
+    trajectory = Trajectory(poses.stamps_ns, poses.positions, rotations, poses.covariances)
+    return _in_order(trajectory, counts, newest_ns)
+
+
+def _in_order(poses: Trajectory, counts: Cleaning, newest_ns: int | None) -> Trajectory:
+    """Return the poses sorted by stamp, the first of equal ones."""
+    stamps = poses.stamps_ns
+    if not len(stamps):
+        return poses
+    floor = stamps[0] if newest_ns is None else newest_ns
+    before = np.maximum.accumulate(np.concatenate([[floor], stamps[:-1]]))
+    backwards = int(np.count_nonzero(stamps < before))
+    counts.went_backwards += backwards
+    if backwards:
+        poses = poses[np.argsort(stamps, kind='stable')]
+    first = np.concatenate([[True], np.diff(poses.stamps_ns) > 0])
+    if first.all():
+        return poses
+    counts.duplicate += len(first) - int(np.count_nonzero(first))
+    return poses[first]

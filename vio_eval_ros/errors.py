@@ -1,0 +1,57 @@
+"""
+Everything that can go wrong for a reason the user can mend.
+
+::
+
+    VioEvalError
+    ├── ReadError              a file, folder or topic that cannot be read
+    │   └── UnsupportedMessage     a topic whose messages carry no pose
+    ├── NoPairs                two trajectories that share no instant
+    ├── WriteError             a report that cannot be written
+    └── ConfigError            an option, gate or parameter that makes no sense
+
+A message is one line that names its subject and says what to do. Only the command lines and the
+nodes print it; they exit with status 2.
+"""
+
+
+class VioEvalError(Exception):
+    """Base of all errors of this package; ``str(error)`` is one line fit for a user."""
+
+
+class ReadError(VioEvalError):
+    """
+    A recording, file or topic cannot be read.
+
+    :param source: what was asked for (a path, a topic or a source spec).
+    :param problem: what is wrong with it and what to do.
+    """
+
+    def __init__(self, source: object, problem: str) -> None:
+        super().__init__(f'{source}: {problem}')
+        self.source = str(source)
+        self.problem = problem
+
+
+class UnsupportedMessage(ReadError):
+    """A topic exists but its message type carries no pose."""
+
+
+class NoPairs(VioEvalError):
+    """No estimate could be associated with ground truth; the message gives both time spans."""
+
+
+class ConfigError(VioEvalError):
+    """An option has a value that is not allowed; the message says which values are."""
+
+
+class WriteError(VioEvalError):
+    """
+    A result cannot be written; what was measured is still printed.
+
+    :param path: where it should have gone.
+    :param problem: what is wrong with that.
+    """
+
+    def __init__(self, path: object, problem: str) -> None:
+        super().__init__(f'{path}: cannot write: {problem}')

@@ -1,0 +1,245 @@
+"""
+From what a user writes to poses: one source spec in, the poses it names out.
+
+::
+
+    /topic                      a topic of the recording given beside it
+    /tf:PARENT.CHILD            a transform of that recording
+    PATH                        a TUM file, EuRoC data.csv or sequence folder, KITTI poses
+    RECORDING:/topic            a topic of another recording
+    SPEC?quaternion=wxyz        what is unusual in it; joined by &
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+import re
+from typing import NamedTuple
+from urllib.parse import parse_qsl
+
+import numpy as np
+
+from vio_eval_ros.core import rotation
+from vio_eval_ros.core.config import nearest_name
+from vio_eval_ros.core.trajectory import MIN_QUATERNION_NORM, Poses
+from vio_eval_ros.errors import ConfigError, ReadError
+from vio_eval_ros.recordings.progress import Progress, silent
+from vio_eval_ros.recordings.text import read_text, STAMP_UNITS, TextFile
+
+RECORDING_SUFFIXES = ('.bag', '.db3', '.mcap')
+QUATERNION_COLUMNS = {'xyzw': [4, 5, 6, 7], 'wxyz': [5, 6, 7, 4]}
+STATEMENTS = {
+    'quaternion': tuple(QUATERNION_COLUMNS),
+    'stamps': tuple(STAMP_UNITS),
+    'invert': ('pose', 'rotation'),
+    'revision': ('final', 'causal'),
+}
+TRUTH_WORDS = re.compile(r'truth|(^|[/_])gt($|[/_])|vicon|leica|mocap|optitrack|qualisys|reference')
+
+
+class Spec(NamedTuple):
+    """
+    A source spec in its parts.
+
+    :param path: of a file or recording; None for a topic of the recording given beside it.
+    :param topic: a topic or ``/tf:PARENT.CHILD``; None for a file.
+    :param statements: what was stated behind the question mark.
+    """
+
+    path: Path | None
+    topic: str | None
+    statements: dict[str, str]
+
+    @classmethod
+    def parse(cls, text: str) -> Spec:
+        """Return the parts; ``ConfigError`` where a statement is unknown."""
+        body, _, query = text.partition('?')
+        statements = dict(parse_qsl(query, keep_blank_values=True))
+        for name, value in statements.items():
+            if name not in STATEMENTS:
+                raise ConfigError(f"{text}: '{name}' cannot be stated of a source; "
+                                  f"{', '.join(STATEMENTS)} can{nearest_name(name, STATEMENTS)}")
+            if value not in STATEMENTS[name]:
+                raise ConfigError(f"{text}: {name} is {' or '.join(STATEMENTS[name])}, "
+                                  f"not '{value}'")
+        for colon in re.finditer(r':(?=/)', body):
+            recording = Path(body[:colon.start()])
+            if recording.suffix in RECORDING_SUFFIXES or recording.exists():
+                return cls(recording, body[colon.end():], statements)
+        if body.startswith('/') and not Path(body).exists():
+            return cls(None, body, statements)
+        return cls(Path(body), None, statements)
+
+
+@dataclass(frozen=True)
+class Source:
+    """
+    Poses as they were recorded, and where they come from.
+
+    :param spec: as the user wrote it.
+    :param kind: tum, euroc, kitti, ros1, rosbag2 or mcap.
+    :param paths: the files that hold them, in order.
+    :param zero_stamps: False where a stamp of 0 means that there was no clock yet.
+    :param warnings: what was taken for granted, in sentences.
+    """
+
+    spec: str
+    kind: str
+    paths: tuple[Path, ...]
+    poses: Poses
+    zero_stamps: bool
+    warnings: tuple[str, ...] = ()
+
+
+def read_sources(specs: Sequence[str], recording: Path | None = None, times: Path | None = None,
+                 progress: Progress = silent) -> list[Source]:
+    """
+    Return what each spec names, with one pass over each recording.
+
+    :param recording: where topics without a recording of their own are.
+    :param times: a file with one stamp a line, for KITTI pose files.
+    """
+    parsed = [_located(spec, recording) for spec in specs]
+    found: dict[int, Source] = {}
+    recordings = dict.fromkeys((spec.path, spec.statements.get('revision', 'final'))
+                               for spec in parsed if spec.topic)
+    for path, revision in recordings:
+        wanted = [k for k, spec in enumerate(parsed) if spec.topic
+                  and (spec.path, spec.statements.get('revision', 'final')) == (path, revision)]
+        found |= zip(wanted, _from_recording(path, [specs[k] for k in wanted],
+                                             [parsed[k] for k in wanted], revision, progress),
+                     strict=True)
+    return [found[k] if k in found else _from_text(spec, parsed[k], times, progress)
+            for k, spec in enumerate(specs)]
+
+
+def default_topics(recording: Path, estimate: str | None = None,
+                   ground_truth: str | None = None) -> tuple[str, str]:
+    """
+    Return the topics of the estimate and of the truth, where there is only one sensible choice.
+
+    :param estimate: what is chosen already, or None.
+    :param ground_truth: likewise.
+    """
+    from vio_eval_ros.recordings.bags import Recording
+    with Recording(recording) as opened:
+        topics = [topic for topic in opened.topics if topic.has_pose and topic.count]
+    truths = [topic.name for topic in topics if TRUTH_WORDS.search(topic.name.lower())]
+    estimates = [topic.name for topic in topics if topic.name not in truths]
+    chosen = [[estimate] if estimate else estimates, [ground_truth] if ground_truth else truths]
+    if all(len(names) == 1 for names in chosen):
+        return chosen[0][0], chosen[1][0]
+    listed = ', '.join(f'{topic.name} ({topic.msgtype}, {topic.count})' for topic in topics)
+    raise ReadError(recording, 'name the topics with --estimate and --ground-truth; '
+                    + (f'those with poses are {listed}' if listed else 'none has poses'))
+
+
+def _located(text: str, recording: Path | None) -> Spec:
+    spec = Spec.parse(text)
+    if spec.path is None:
+        if recording is None:
+            raise ReadError(text, 'there is no such file; a topic needs a RECORDING, given first '
+                            'or as RECORDING:/topic')
+        return spec._replace(path=recording)
+    if spec.topic is None and (spec.path.suffix in RECORDING_SUFFIXES
+                               or (spec.path / 'metadata.yaml').exists()):
+        raise ReadError(text, f'this is a recording; say which topic of it: {spec.path}:/topic')
+    return spec
+
+
+def _from_recording(path: Path | None, texts: Sequence[str], specs: Sequence[Spec], revision: str,
+                    progress: Progress) -> list[Source]:
+    from vio_eval_ros.recordings.bags import Recording
+    assert path is not None
+    with Recording(path) as opened:
+        poses = opened.read([str(spec.topic) for spec in specs], progress, revision)
+        notes = tuple(opened.warnings)
+        return [Source(text, opened.kind, opened.paths, _as_stated(columns, spec), False, notes)
+                for text, spec, columns in zip(texts, specs, poses, strict=True)]
+
+
+def _from_text(text: str, spec: Spec, times: Path | None, progress: Progress) -> Source:
+    path, notes = _file(spec.path or Path())
+    read = read_text(path, progress)
+    columns = read.rows.values.shape[1]
+    if times is not None and columns == 12:
+        poses, kind = _kitti(read, times), 'kitti'
+    elif columns >= 8 or (columns == 4 and read.kind == 'euroc'):
+        poses, more = _stamped(read, spec.statements)
+        kind, notes = read.kind, notes + more
+    else:
+        raise ReadError(path, f'{columns} columns; a trajectory has 8: stamp x y z qx qy qz qw')
+    paths = (path,) if kind != 'kitti' or times is None else (path, times)
+    return Source(text, kind, paths, _as_stated(poses, spec), True, tuple(notes))
+
+
+def _file(path: Path) -> tuple[Path, list[str]]:
+    """Return the file that a path means: of a EuRoC (or TUM-VI) folder, its ground truth."""
+    if not path.is_dir():
+        return path, []
+    for sensor in ('state_groundtruth_estimate0', 'mocap0', 'vicon0', 'leica0'):
+        for file in (path / 'mav0' / sensor / 'data.csv', path / sensor / 'data.csv'):
+            if file.is_file():
+                raw = sensor in ('vicon0', 'leica0')
+                return file, [f'{file}: the pose of a marker, not of the IMU'] if raw else []
+    if (path / 'data.csv').is_file():
+        return path / 'data.csv', []
+    raise ReadError(path, 'this folder is no recording (metadata.yaml) and no EuRoC sequence '
+                    '(mav0/state_groundtruth_estimate0/data.csv)')
+
+
+def _stamped(read: TextFile, statements: dict[str, str]) -> tuple[Poses, list[str]]:
+    """Return the poses of rows that begin with a stamp, and what was taken for granted."""
+    notes, values = [], read.rows.values
+    usual = 'ns' if read.kind == 'euroc' else 's'
+    unit = statements.get('stamps') or _unit(read)
+    if unit != usual and 'stamps' not in statements:
+        notes.append(f'{read.path}: stamps are taken as {unit}, not {usual}, by their size')
+    stamps = read.rows.nanoseconds(read.path, unit)
+    if values.shape[1] == 4:
+        return Poses(stamps, values[:, 1:4]), notes
+    order = statements.get('quaternion') or read.quaternion
+    if order is None and read.kind == 'tum' and read.commas:
+        notes.append(f'{read.path}: quaternions are taken as x y z w; state ?quaternion=wxyz if w '
+                     'comes first')
+    order = order or ('wxyz' if read.kind == 'euroc' else 'xyzw')
+    return Poses(stamps, values[:, 1:4], values[:, QUATERNION_COLUMNS[order]]), notes
+
+
+def _unit(read: TextFile) -> str:
+    """Return the unit of stamps that their size shows; what a EuRoC csv has is nanoseconds."""
+    largest = float(np.max(np.abs(read.rows.digits / 10.0**read.rows.decimals)))
+    if read.kind == 'euroc':
+        return 's' if largest < 1e11 and read.rows.decimals.any() else 'ns'
+    return next(unit for unit, limit in
+                (('s', 1e11), ('ms', 1e14), ('us', 1e17), ('ns', np.inf)) if largest < limit)
+
+
+def _kitti(read: TextFile, times: Path) -> Poses:
+    """Return the poses of rows of 3x4 matrices, with stamps [s] from another file."""
+    stamps = read_text(times).rows
+    values = read.rows.values
+    if len(stamps.values) != len(values):
+        raise ReadError(times, f'{len(stamps.values)} stamps for {len(values)} poses in '
+                        f'{read.path}')
+    matrices = values.reshape(-1, 3, 4)
+    return Poses(stamps.nanoseconds(times, 's'), matrices[:, :, 3],
+                 rotation.from_matrix(matrices[:, :, :3]))
+
+
+def _as_stated(poses: Poses, spec: Spec) -> Poses:
+    """Return the poses with what was stated to be inverse turned round."""
+    invert = spec.statements.get('invert')
+    if invert is None:
+        return poses
+    if poses.rotations is None:
+        raise ConfigError(f'{spec.topic or spec.path}: positions only, nothing to invert')
+    inverse = rotation.conjugate(poses.rotations)
+    if invert == 'rotation':
+        return replace(poses, rotations=inverse, covariances=None)
+    norms = np.linalg.norm(inverse, axis=1, keepdims=True)
+    unit = inverse / np.where(norms < MIN_QUATERNION_NORM, 1.0, norms)
+    return replace(poses, positions=-rotation.rotate(unit, poses.positions), rotations=inverse,
+                   covariances=None)

@@ -1,0 +1,104 @@
+"""The result of one run, from which every report is made."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import math
+from typing import Any
+
+from vio_eval_ros import __version__
+from vio_eval_ros.core.association import Stream
+from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.evaluation import Summary
+from vio_eval_ros.core.gates import Verdict
+
+SCHEMA = 'vio_eval_ros.result/1'
+
+
+@dataclass(frozen=True, eq=False)
+class Input:
+    """
+    One of the two inputs, as the result describes it.
+
+    :param source: what the user named.
+    :param kind: tum, euroc, kitti, ros1, rosbag2, mcap or topic.
+    :param sha256: of the files, one behind the other; None for a live topic.
+    :param stream: what the association counted of it.
+    :param offset_s: what was added to its stamps; they are reported as recorded.
+    """
+
+    source: str
+    kind: str
+    sha256: str | None
+    stream: Stream
+    offset_s: float = 0.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the description with its counts."""
+        stream, offset_ns = self.stream, round(self.offset_s * 1e9)
+        seconds = (stream.newest_ns - stream.first_ns) / 1e9
+        return {
+            'source': self.source,
+            'kind': self.kind,
+            'sha256': self.sha256,
+            'poses': stream.used,
+            'first_stamp_ns': stream.first_ns - offset_ns if stream.used else None,
+            'last_stamp_ns': stream.newest_ns - offset_ns if stream.used else None,
+            'rate_hz': (stream.used - 1) / seconds if stream.used > 1 else None,
+            'position_only': stream.position_only,
+            'dropped': stream.counts.dropped,
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class Result:
+    """What was compared, how, what came out, and whether it is good enough."""
+
+    estimate: Input
+    ground_truth: Input
+    config: EvaluationConfig
+    summary: Summary
+    verdicts: Sequence[Verdict] = ()
+
+    @property
+    def passed(self) -> bool | None:
+        """Whether all gates passed; None where there are none."""
+        return all(verdict.passed for verdict in self.verdicts) if self.verdicts else None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as schema ``vio_eval_ros.result/1`` has it: no NaN, but None."""
+        alignment = self.summary.alignment
+        result = {
+            'schema': SCHEMA,
+            'tool': {'name': 'vio_eval_ros', 'version': __version__},
+            'inputs': {'estimate': self.estimate.to_dict(),
+                       'ground_truth': self.ground_truth.to_dict()},
+            'config': self.config.to_dict(),
+            'association': self.summary.association,
+            'alignment': {
+                'mode': alignment.mode,
+                'scale': alignment.scale,
+                'rotation_xyzw': alignment.rotation.tolist(),
+                'translation_m': alignment.translation.tolist(),
+                'observable': alignment.observable,
+            },
+            'metrics': self.summary.metrics,
+            'warnings': self.summary.warnings,
+            'gates': [{'metric': gate.metric, 'comparison': gate.comparison, 'limit': gate.limit,
+                       'value': value, 'passed': passed}
+                      for gate, value, passed in self.verdicts],
+            'verdict': {True: 'pass', False: 'fail', None: None}[self.passed],
+        }
+        return {name: _without_nan(value) for name, value in result.items()}
+
+
+def _without_nan(value: Any) -> Any:
+    """Return the same with None in place of what is no finite number."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {name: _without_nan(item) for name, item in value.items()}
+    if isinstance(value, list):
+        return [_without_nan(item) for item in value]
+    return value

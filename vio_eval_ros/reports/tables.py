@@ -1,0 +1,54 @@
+"""Reports of every pair: errors as CSV, the aligned estimate as a TUM file."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from vio_eval_ros.core.metrics import position_errors, rotation_errors
+from vio_eval_ros.core.trajectory import Trajectory
+from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.reports.result import Result
+
+
+def csv_report(result: Result) -> str:
+    """Return the stamps and errors of each pair; unknown rotation errors are empty."""
+    pairs, alignment = result.summary.pairs, result.summary.alignment
+    difference = alignment.positions(pairs.estimate) - pairs.ground_truth.positions
+    errors = np.column_stack([position_errors(pairs, alignment),
+                              rotation_errors(pairs, alignment), difference])
+    table = formatted(errors, '%.9g,%.9g,%.9g,%.9g,%.9g').replace('nan', '').splitlines()
+    stamps = zip(pairs.estimate.stamps_ns.tolist(), pairs.ground_truth.stamps_ns.tolist(), table,
+                 strict=True)
+    return ('estimate_stamp_ns,ground_truth_stamp_ns,ate_trans_m,ate_rot_deg,'
+            'error_x_m,error_y_m,error_z_m\n'
+            + ''.join(f'{estimate},{truth},{row}\n' for estimate, truth, row in stamps))
+
+
+def tum_report(result: Result) -> str:
+    """Return the associated estimate, aligned to the ground truth, as a TUM file."""
+    return tum(result.summary.alignment.apply(result.summary.pairs.estimate))
+
+
+def tum(trajectory: Trajectory) -> str:
+    """
+    Return a trajectory as a TUM file: seconds, x y z, qx qy qz qw with 9 decimals.
+
+    :raises ConfigError: for a trajectory without orientations, which the format cannot hold.
+    """
+    if trajectory.rotations is None:
+        raise ConfigError('a TUM file needs orientations, and there are none; use a csv report')
+    if math.isnan(trajectory.positions.sum()):
+        raise ConfigError('there is no aligned trajectory: the alignment is not determined')
+    seconds, rest = np.divmod(trajectory.stamps_ns, 10**9)
+    table = np.empty((len(trajectory), 9), object)
+    table[:, 0], table[:, 1] = seconds, rest
+    table[:, 2:5], table[:, 5:] = trajectory.positions, trajectory.rotations
+    return '# timestamp tx ty tz qx qy qz qw\n' + formatted(
+        table, '%d.%09d %.9f %.9f %.9f %.9f %.9f %.9f %.9f')
+
+
+def formatted(table: np.ndarray, row: str) -> str:
+    """Return a line for each row of an (N, C) table, formatted in one go."""
+    return (row + '\n') * len(table) % tuple(table.ravel().tolist())

@@ -1,0 +1,102 @@
+"""The summary that a person reads on a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+import math
+import re
+
+from vio_eval_ros.core.statistics import STATISTICS
+from vio_eval_ros.reports.result import Input, Result
+
+LABELS = {
+    ('ate', 'trans'): 'ATE position [m]',
+    ('ate', 'rot'): 'ATE rotation [deg]',
+    ('rpe', 'trans'): 'RPE {} position [m]',
+    ('rpe', 'rot'): 'RPE {} rotation [deg]',
+    ('rpe', 'disp'): 'RPE {} displacement [m]',
+    ('rpe', 'dist'): 'RPE {} distance [m]',
+}
+
+
+def text_report(result: Result) -> str:
+    """Return what was matched, how it was aligned, the errors, gates and warnings."""
+    summary, found = result.summary, result.summary.association
+    metrics, alignment = summary.metrics, summary.alignment
+    lines = [
+        f'estimate      {_described(result.estimate)}',
+        f'ground truth  {_described(result.ground_truth)}',
+        f'matched       {found["pairs"]:,} pairs ({percent(found["matched_ratio"])} of the '
+        f'estimates), stamps {number(1e3 * found["abs_difference_mean_s"])} ms apart on average',
+        f'coverage      {percent(metrics["coverage_ratio"])} of the ground truth was tracked, '
+        f'{number(metrics["path_length_m"])} m of path',
+        f'alignment     {alignment.mode}'
+        + ('' if alignment.scale == 1 else f', scale {number(alignment.scale)}'),
+        '',
+        ' ' * 27 + ''.join(f'{name:>10}' for name in STATISTICS),
+    ]
+    lines += [f'{label:<27}' + ''.join(f'{number(value):>10}' for value in values)
+              for label, values in rows(metrics)]
+    usual = ', '.join(f'{mode} {number(metrics[f"ate_{mode}_trans_rmse_m"])}'
+                      for mode in ('none', 'posyaw', 'se3', 'sim3'))
+    lines += ['', f'ATE [m] by alignment: {usual} (scale {number(metrics["sim3_scale"])})',
+              *_drift(metrics)]
+    lines += [f'warning: {warning}' for warning in summary.warnings]
+    if result.verdicts:
+        lines += [''] + [f'{"pass" if passed else "FAIL"}  {gate}  (is {number(value)})'
+                         for gate, value, passed in result.verdicts]
+    return '\n'.join(printable(line) for line in lines) + '\n'
+
+
+def rows(metrics: Mapping[str, float]) -> Iterator[tuple[str, list[float]]]:
+    """
+    Yield a label and the seven statistics of each error that people look at first.
+
+    Displacement and distance stand in for the pose errors where orientations are unknown.
+    """
+    for name in metrics:
+        match = re.fullmatch(r'(ate|rpe)_(?:([\d.e+-]+[a-z])_)?(trans|rot|disp|dist)_rmse_(m|deg)',
+                             name)
+        if not match:
+            continue
+        metric, delta, quantity, unit = match.groups()
+        prefix = name.removesuffix(f'_rmse_{unit}')
+        poses = not math.isnan(metrics[f'{prefix[:-len(quantity)]}trans_rmse_m'])
+        if metric == 'rpe' and poses == (quantity in ('disp', 'dist')):
+            continue
+        yield (LABELS[metric, quantity].format(delta),
+               [metrics[f'{prefix}_{statistic}_{unit}'] for statistic in STATISTICS])
+
+
+def _drift(metrics: Mapping[str, float]) -> Iterator[str]:
+    for name, value in metrics.items():
+        if name.endswith('_trans_percent') and not math.isnan(value):
+            prefix = name.removesuffix('_trans_percent')
+            turn = number(metrics[f'{prefix}_rot_deg_per_m'])
+            yield (f'drift over {prefix.replace("_", " ")}: {number(value)} %, {turn} deg/m '
+                   f'({metrics[f"{prefix}_segments"]} segments)')
+    if not math.isnan(metrics['nees_position_mean']):
+        yield (f'NEES: position {number(metrics["nees_position_mean"])}, orientation '
+               f'{number(metrics["nees_orientation_mean"])} (3 is consistent)')
+
+
+def number(value: float) -> str:
+    """Return a number with four significant digits, a dash for none."""
+    return '-' if math.isnan(value) else f'{value:.4g}'
+
+
+def percent(ratio: float) -> str:
+    """Return a ratio in percent, a dash for none."""
+    return '-' if math.isnan(ratio) else f'{100 * ratio:.1f} %'
+
+
+def printable(text: str) -> str:
+    """Return text that cannot move a terminal's cursor, whatever names it contains."""
+    return ''.join(c if c.isprintable() else '?' for c in text)
+
+
+def _described(one: Input) -> str:
+    facts = one.to_dict()
+    rate = '' if facts['rate_hz'] is None else f', {facts["rate_hz"]:.4g} Hz'
+    return (f'{one.source}: {facts["poses"]:,} poses{rate}'
+            + (', positions only' if facts['position_only'] else ''))
