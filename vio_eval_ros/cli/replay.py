@@ -10,8 +10,17 @@ from pathlib import Path
 import sys
 from typing import NamedTuple
 
-from vio_eval_ros.cli.shell import (add_options, config_of, FAILED, load_yaml, Parser, PASSED,
-                                    progress, run, UNABLE)
+from vio_eval_ros.cli.shell import (
+    add_options,
+    config_of,
+    FAILED,
+    load_yaml,
+    Parser,
+    PASSED,
+    progress,
+    run,
+    UNABLE,
+)
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation, metric_names, running_series
 from vio_eval_ros.core.gates import check_names, Gate, judge
@@ -44,8 +53,7 @@ class Target(NamedTuple):
         """Return the target that ``FORMAT:PATH`` means."""
         name, _, path = text.partition(':')
         if name not in formats or not path:
-            raise ConfigError(f"'{text}': write FORMAT:PATH with a format of "
-                              f'{", ".join(formats)}')
+            raise ConfigError(f"'{text}': write FORMAT:PATH with a format of {', '.join(formats)}")
         if not Path(path).parent.is_dir():
             raise ConfigError(f"'{text}': there is no folder {Path(path).parent}")
         return cls(name, Path(path))
@@ -58,29 +66,60 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _parser() -> Parser:
-    parser = Parser(prog='replay', description=__doc__, epilog=EXAMPLES,
-                    formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('recording', nargs='?', type=Path, metavar='RECORDING',
-                        help='ROS 1 .bag, rosbag2 folder, .db3 or .mcap')
-    parser.add_argument('--estimate', metavar='SPEC',
-                        help='/topic, /tf:PARENT.CHILD, a file, or RECORDING:/topic; what is '
-                        'unusual in it behind a ?: quaternion=wxyz, stamps=ns, invert=pose '
-                        '(default: the only one there is)')
+    parser = Parser(
+        prog='replay',
+        description=__doc__,
+        epilog=EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument(
+        'recording',
+        nargs='?',
+        type=Path,
+        metavar='RECORDING',
+        help='ROS 1 .bag, rosbag2 folder, .db3 or .mcap',
+    )
+    parser.add_argument(
+        '--estimate',
+        metavar='SPEC',
+        help='/topic, /tf:PARENT.CHILD, a file, or RECORDING:/topic; what is '
+        'unusual in it behind a ?: quaternion=wxyz, stamps=ns, invert=pose '
+        '(default: the only one there is)',
+    )
     parser.add_argument('--ground-truth', metavar='SPEC', help='the same for the ground truth')
-    parser.add_argument('--times', type=Path, metavar='FILE',
-                        help='the stamps [s] of KITTI pose files, one a line')
+    parser.add_argument(
+        '--times', type=Path, metavar='FILE', help='the stamps [s] of KITTI pose files, one a line'
+    )
     output = parser.add_argument_group('output')
-    output.add_argument('--json', action='store_true',
-                        help='print the result as JSON, and nothing else, on stdout')
-    output.add_argument('--report', action='append', default=[], metavar='FORMAT:PATH',
-                        help=f'write a report; {", ".join(REPORTS)}; may be repeated')
-    output.add_argument('--series', metavar='csv:PATH',
-                        help='write the running ATE and RPE, once for each second of stamps')
-    output.add_argument('--gate', action='append', default=[], metavar='METRIC<=LIMIT',
-                        help='fail with status 1 where a metric is beyond a limit (<= or >=) or '
-                        'null; may be repeated')
-    output.add_argument('--gates', type=Path, metavar='FILE',
-                        help='YAML file of gates: {metric: {max: number, min: number}}')
+    output.add_argument(
+        '--json', action='store_true', help='print the result as JSON, and nothing else, on stdout'
+    )
+    output.add_argument(
+        '--report',
+        action='append',
+        default=[],
+        metavar='FORMAT:PATH',
+        help=f'write a report; {", ".join(REPORTS)}; may be repeated',
+    )
+    output.add_argument(
+        '--series',
+        metavar='csv:PATH',
+        help='write the running ATE and RPE, once for each second of stamps',
+    )
+    output.add_argument(
+        '--gate',
+        action='append',
+        default=[],
+        metavar='METRIC<=LIMIT',
+        help='fail with status 1 where a metric is beyond a limit (<= or >=) or '
+        'null; may be repeated',
+    )
+    output.add_argument(
+        '--gates',
+        type=Path,
+        metavar='FILE',
+        help='YAML file of gates: {metric: {max: number, min: number}}',
+    )
     add_options(parser)
     return parser
 
@@ -102,18 +141,28 @@ def _replay(arguments: argparse.Namespace) -> int:
     summary = evaluation.summary()
     if not len(summary.pairs):
         raise NoPairs(evaluation.no_pairs())
-    summary.warnings[:0] = [*estimate.warnings, *truth.warnings]
+    summary.warnings[:0] = dict.fromkeys([*estimate.warnings, *truth.warnings])
 
     hashed = arguments.json or any(report.format == 'json' for report in reports)
     streams = evaluation.associator
     result = Result(
-        Input(estimate.spec, estimate.kind, _sha256(estimate) if hashed else None,
-              streams.estimate, config.time_offset_s),
+        Input(
+            estimate.spec,
+            estimate.kind,
+            _sha256(estimate) if hashed else None,
+            streams.estimate,
+            config.time_offset_s,
+        ),
         Input(truth.spec, truth.kind, _sha256(truth) if hashed else None, streams.ground_truth),
-        config, summary, judge(gates, summary.metrics))
+        config,
+        summary,
+        judge(gates, summary.metrics),
+    )
     print(REPORTS['json'](result) if arguments.json else text_report(result), end='', flush=True)
-    written = [_written(report, lambda report=report: REPORTS[report.format](result))
-               for report in reports]
+    written = [
+        _written(report, lambda report=report: REPORTS[report.format](result))
+        for report in reports
+    ]
     if series:
         written.append(_written(series, lambda: _series(config, estimate, truth)))
     if not all(written):
@@ -145,12 +194,19 @@ def _written(target: Target, render: Callable[[], str]) -> bool:
 def _series(config: EvaluationConfig, estimate: Source, truth: Source) -> str:
     """Return a row of running values for each second in which a pose arrived, as CSV."""
     lines = []
-    for stamp_ns, values in running_series(config, estimate.poses, truth.poses,
-                                           estimate.zero_stamps and truth.zero_stamps):
+    for stamp_ns, values in running_series(
+        config, estimate.poses, truth.poses, estimate.zero_stamps and truth.zero_stamps
+    ):
         if not lines:
             lines.append(','.join(['stamp_ns', *values]))
-        lines.append(','.join([str(stamp_ns), *('' if math.isnan(value) else repr(value)
-                                                for value in values.values())]))
+        lines.append(
+            ','.join(
+                [
+                    str(stamp_ns),
+                    *('' if math.isnan(value) else repr(value) for value in values.values()),
+                ]
+            )
+        )
     return '\n'.join(lines) + '\n'
 
 

@@ -45,8 +45,10 @@ def run(verb: str, main: Callable[[], int]) -> int:
     except Exception as error:
         if sys.flags.dev_mode:
             raise
-        problem = (f'this is a bug, please report it: {type(error).__name__}: {error} '
-                   '(python -X dev shows where)')
+        problem = (
+            f'this is a bug, please report it: {type(error).__name__}: {error} '
+            '(python -X dev shows where)'
+        )
     print(f'{verb}: {" ".join(problem.split())}', file=sys.stderr)
     return UNABLE
 
@@ -54,18 +56,25 @@ def run(verb: str, main: Callable[[], int]) -> int:
 def add_options(parser: argparse.ArgumentParser) -> None:
     """Add a flag for each option of the evaluation, and ``--config`` for a file of them."""
     group = parser.add_argument_group('evaluation')
-    group.add_argument('--config', type=Path, metavar='FILE',
-                       help='YAML file with any of the options below; flags override it')
+    group.add_argument(
+        '--config',
+        type=Path,
+        metavar='FILE',
+        help='YAML file with any of the options below; flags override it',
+    )
     for option in fields(EvaluationConfig):
         listed = str(option.type).startswith('tuple')
         default = getattr(EvaluationConfig(), option.name)
         shown = ' '.join(map(str, default)) if listed else default
         choices = option.metadata['choices']
         group.add_argument(
-            '--' + option.name.replace('_', '-'), dest=option.name, default=None,
+            '--' + option.name.replace('_', '-'),
+            dest=option.name,
+            default=None,
             metavar='|'.join(choices) or option.name.rsplit('_')[-1].upper(),
             help=f'{option.metadata["description"]} (default: {shown or "none"})',
-            **({'nargs': 7 if option.name.endswith('to_body') else '*'} if listed else {}))
+            **({'nargs': 7 if option.name.endswith('to_body') else '*'} if listed else {}),
+        )
 
 
 def config_of(arguments: argparse.Namespace) -> EvaluationConfig:
@@ -90,6 +99,7 @@ def options_of(path: Path) -> dict[str, Any]:
 def load_yaml(path: Path) -> dict[str, Any]:
     """Return the mapping in a YAML file; nothing but plain data is ever made of it."""
     import yaml
+
     try:
         with path.open(encoding='utf-8') as file:
             text = file.read(MAX_YAML_BYTES + 1)
@@ -112,4 +122,5 @@ def progress(items: Iterable[Any], total: int) -> Iterable[Any]:
     if not sys.stderr.isatty():
         return items
     from tqdm import tqdm
+
     return tqdm(items, total=total, desc='reading', unit='', delay=0.5, leave=False)

@@ -62,9 +62,13 @@ class Moments:
             return self if self.count else other
         count = self.count + other.count
         step = other.mean - self.mean
-        return Moments(count, self.mean + step * (other.count / count),
-                       self.scatter + other.scatter
-                       + np.outer(step, step) * (self.count * other.count / count))
+        return Moments(
+            count,
+            self.mean + step * (other.count / count),
+            self.scatter
+            + other.scatter
+            + np.outer(step, step) * (self.count * other.count / count),
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -167,8 +171,13 @@ def _origin(first: Pairs) -> Alignment:
     if estimate.rotations is None or truth.rotations is None:
         return undetermined('origin')
     turn = rotation.multiply(truth.rotations[0], rotation.conjugate(estimate.rotations[0]))
-    return Alignment('origin', 1.0, turn,
-                     truth.positions[0] - rotation.rotate(turn, estimate.positions[0]), True)
+    return Alignment(
+        'origin',
+        1.0,
+        turn,
+        truth.positions[0] - rotation.rotate(turn, estimate.positions[0]),
+        True,
+    )
 
 
 def _turns(mode: str, moments: Moments) -> bool:

@@ -31,8 +31,9 @@ def nearest(stamps: np.ndarray, others: np.ndarray) -> np.ndarray:
     """
     after = np.searchsorted(others, stamps).clip(max=len(others) - 1)
     before = (after - 1).clip(min=0)
-    return np.asarray(np.where(np.abs(stamps - others[before]) <= np.abs(others[after] - stamps),
-                               before, after))
+    return np.asarray(
+        np.where(np.abs(stamps - others[before]) <= np.abs(others[after] - stamps), before, after)
+    )
 
 
 class Intervals:
@@ -54,7 +55,7 @@ class Intervals:
         if not len(stamps):
             return np.empty(0, np.int64)
         start = stamps[0] if self._last_ns is None else self._last_ns
-        intervals = np.diff(stamps, prepend=start)[self._last_ns is None:]
+        intervals = np.diff(stamps, prepend=start)[self._last_ns is None :]
         self._last_ns = int(stamps[-1])
         short = intervals <= self._gap_ns
         self._short_sum_ns += int(intervals[short].sum())
@@ -90,8 +91,9 @@ class Stream:
     def receive(self, poses: Poses, horizon_ns: int, zero_stamps: bool) -> None:
         """Add a batch; poses at or before the horizon come too late and are only counted."""
         started = self.newest_ns != BEFORE_ALL
-        batch = clean(poses, self.counts, self.newest_ns - self._offset_ns if started else None,
-                      zero_stamps)
+        batch = clean(
+            poses, self.counts, self.newest_ns - self._offset_ns if started else None, zero_stamps
+        )
         if self._offset_ns:
             batch = replace(batch, stamps_ns=batch.stamps_ns + self._offset_ns)
         if len(batch) and batch.stamps_ns[0] <= self.newest_ns:
@@ -119,11 +121,15 @@ class Stream:
         if not self._lever.any() and abs(self._turn[3]) == 1:
             return tracked
         if tracked.rotations is None:
-            raise ConfigError('poses without orientation cannot be moved to another frame; leave '
-                              'estimate_to_body and ground_truth_to_body at the identity for them')
+            raise ConfigError(
+                'poses without orientation cannot be moved to another frame; leave '
+                'estimate_to_body and ground_truth_to_body at the identity for them'
+            )
         return replace(
-            tracked, positions=tracked.positions + rotation.rotate(tracked.rotations, self._lever),
-            rotations=rotation.multiply(tracked.rotations, self._turn))
+            tracked,
+            positions=tracked.positions + rotation.rotate(tracked.rotations, self._lever),
+            rotations=rotation.multiply(tracked.rotations, self._turn),
+        )
 
     def crop(self, begin_ns: int, end_ns: int) -> None:
         """Drop the waiting poses outside [begin, end]; they still tell how far the stream is."""
@@ -164,8 +170,9 @@ class Associator:
         self._decided = self._nearest if config.association == 'nearest' else self._interpolated
         self._horizon_ns = BEFORE_ALL
         self._begin_ns: int | None = None
-        self.estimate = Stream(self._gap_ns, nanoseconds(config.time_offset_s),
-                               config.estimate_to_body)
+        self.estimate = Stream(
+            self._gap_ns, nanoseconds(config.time_offset_s), config.estimate_to_body
+        )
         self.ground_truth = Stream(self._gap_ns, 0, config.ground_truth_to_body)
         self.closest_ns: int | None = None
         self._tracked = Intervals(self._gap_ns)
@@ -237,8 +244,9 @@ class Associator:
         difference = np.abs(estimate.stamps_ns - truth.stamps_ns[partner])
         self._note_closest(difference)
         later = np.maximum(estimate.stamps_ns, truth.stamps_ns[partner])
-        chosen = np.flatnonzero((difference <= self._tolerance_ns)
-                                & (later > after_ns) & (later <= until_ns))
+        chosen = np.flatnonzero(
+            (difference <= self._tolerance_ns) & (later > after_ns) & (later <= until_ns)
+        )
         candidates = partner[chosen]
         mutual = nearest(truth.stamps_ns[candidates], estimate.stamps_ns) == chosen
         return Pairs.of(estimate[chosen[mutual]], truth[candidates[mutual]])
@@ -246,13 +254,15 @@ class Associator:
     def _interpolated(self, after_ns: int, until_ns: int) -> Pairs:
         """Return the estimates in the range with ground truth interpolated at their stamps."""
         truth, stamps = self.ground_truth.waiting, self.ground_truth.waiting.stamps_ns
-        begin, end = np.searchsorted(self.estimate.waiting.stamps_ns, [after_ns, until_ns],
-                                     side='right')
+        begin, end = np.searchsorted(
+            self.estimate.waiting.stamps_ns, [after_ns, until_ns], side='right'
+        )
         estimate = self.estimate.waiting[begin:end]
         if not len(estimate) or not len(truth):
             return Pairs.empty()
-        self._note_closest(np.abs(estimate.stamps_ns
-                                  - stamps[nearest(estimate.stamps_ns, stamps)]))
+        self._note_closest(
+            np.abs(estimate.stamps_ns - stamps[nearest(estimate.stamps_ns, stamps)])
+        )
         after = np.searchsorted(stamps, estimate.stamps_ns)
         inside = after < len(stamps)
         estimate, after = estimate[inside], after[inside]
@@ -260,14 +270,20 @@ class Associator:
         before = np.where(exact, after, after - 1)
         usable = (before >= 0) & (stamps[after] - stamps[before] <= self._gap_ns)
         estimate, before, after = estimate[usable], before[usable], after[usable]
-        weight = ((estimate.stamps_ns - stamps[before])
-                  / np.maximum(stamps[after] - stamps[before], 1))
-        return Pairs.of(estimate, Trajectory(
-            estimate.stamps_ns,
-            truth.positions[before] * (1 - weight)[:, None]
-            + truth.positions[after] * weight[:, None],
-            None if truth.rotations is None else
-            rotation.slerp(truth.rotations[before], truth.rotations[after], weight)))
+        weight = (estimate.stamps_ns - stamps[before]) / np.maximum(
+            stamps[after] - stamps[before], 1
+        )
+        return Pairs.of(
+            estimate,
+            Trajectory(
+                estimate.stamps_ns,
+                truth.positions[before] * (1 - weight)[:, None]
+                + truth.positions[after] * weight[:, None],
+                None
+                if truth.rotations is None
+                else rotation.slerp(truth.rotations[before], truth.rotations[after], weight),
+            ),
+        )
 
     def _note_closest(self, differences: np.ndarray) -> None:
         """Remember the smallest difference seen, to be named where there are no pairs."""

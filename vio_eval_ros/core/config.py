@@ -20,6 +20,7 @@ from vio_eval_ros.errors import ConfigError
 ASSOCIATIONS = ('nearest', 'interpolate')
 ALIGNMENTS = ('none', 'origin', 'scale', 'posyaw', 'se3', 'sim3')
 RPE_PAIRS = ('all', 'sequential')
+MAX_SECONDS = 4e9  # int64 nanoseconds hold today's time and this
 DELTA_UNITS = {'f': 'frames', 's': 'seconds', 'm': 'metres', 'd': 'degrees'}
 
 
@@ -36,7 +37,8 @@ class Delta(NamedTuple):
         if not match or match[2] not in DELTA_UNITS or float(match[1]) <= 0:
             raise ConfigError(
                 f"'{text}' is no delta; write a positive number and f (frames), s (seconds), "
-                'm (metres) or d (degrees), such as 1f, 0.5s or 10m')
+                'm (metres) or d (degrees), such as 1f, 0.5s or 10m'
+            )
         delta = cls(float(match[1]), match[2])
         if delta.unit == 'f' and not delta.value.is_integer():
             raise ConfigError(f"'{text}': frames are counted in whole numbers, such as 10f")
@@ -47,8 +49,9 @@ class Delta(NamedTuple):
         return f'{self.value:g}{self.unit}'
 
 
-def _option(default: Any, description: str, choices: tuple[str, ...] = (),
-            minimum: float | None = None) -> Any:
+def _option(
+    default: Any, description: str, choices: tuple[str, ...] = (), minimum: float | None = None
+) -> Any:
     metadata = {'description': description, 'choices': choices, 'minimum': minimum}
     if isinstance(default, tuple):
         return field(default_factory=lambda: default, metadata=metadata)
@@ -60,37 +63,54 @@ class EvaluationConfig:
     """How an estimate is compared with ground truth; ``ConfigError`` where it makes no sense."""
 
     association: str = _option(
-        'nearest', 'how stamps are matched: the nearest pose of each other, or ground truth '
-        'interpolated at every estimate', ASSOCIATIONS)
+        'nearest',
+        'how stamps are matched: the nearest pose of each other, or ground truth '
+        'interpolated at every estimate',
+        ASSOCIATIONS,
+    )
     max_difference_s: float = _option(
-        0.02, 'largest difference between the stamps of a pair (nearest)', minimum=0.0)
+        0.02, 'largest difference between the stamps of a pair (nearest)', minimum=0.0
+    )
     max_gap_s: float = _option(
-        0.5, 'longest interval that counts as tracking, and over which ground truth is '
-        'interpolated', minimum=0.0)
+        0.5,
+        'longest interval that counts as tracking, and over which ground truth is interpolated',
+        minimum=0.0,
+    )
     time_offset_s: float = _option(0.0, 'added to the stamps of the estimate')
     alignment: str = _option(
-        'se3', 'which part of the difference between the two worlds is taken out before the '
-        'absolute error', ALIGNMENTS)
+        'se3',
+        'which part of the difference between the two worlds is taken out before the '
+        'absolute error',
+        ALIGNMENTS,
+    )
     align_first_s: float = _option(
-        0.0, 'align on the pairs of the first seconds only; 0 aligns on all', minimum=0.0)
+        0.0, 'align on the pairs of the first seconds only; 0 aligns on all', minimum=0.0
+    )
     rpe_deltas: tuple[str, ...] = _option(
-        ('1f', '1s', '10m'), 'distances between the poses of a relative error: f frames, '
-        's seconds, m metres, d degrees')
+        ('1f', '1s', '10m'),
+        'distances between the poses of a relative error: f frames, '
+        's seconds, m metres, d degrees',
+    )
     rpe_pairs: str = _option(
-        'all', 'relative errors start at every pose, or each where the one before ended',
-        RPE_PAIRS)
+        'all', 'relative errors start at every pose, or each where the one before ended', RPE_PAIRS
+    )
     segment_lengths_m: tuple[float, ...] = _option(
-        (), 'lengths of ground-truth path over which drift is given in percent')
+        (), 'lengths of ground-truth path over which drift is given in percent'
+    )
     start_s: float = _option(
-        0.0, 'ignore what comes earlier, relative to the first ground truth', minimum=0.0)
+        0.0, 'ignore what comes earlier, relative to the first ground truth', minimum=0.0
+    )
     end_s: float = _option(
-        math.inf, 'ignore what comes later, relative to the first ground truth', minimum=0.0)
+        math.inf, 'ignore what comes later, relative to the first ground truth', minimum=0.0
+    )
     estimate_to_body: tuple[float, ...] = _option(
-        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), 'pose x y z qx qy qz qw of the body in the frame '
-        'that the estimate tracks')
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0),
+        'pose x y z qx qy qz qw of the body in the frame that the estimate tracks',
+    )
     ground_truth_to_body: tuple[float, ...] = _option(
-        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0), 'pose x y z qx qy qz qw of the body in the frame '
-        'that the ground truth tracks')
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0),
+        'pose x y z qx qy qz qw of the body in the frame that the ground truth tracks',
+    )
 
     def __post_init__(self) -> None:
         """Bring every value to its type, and reject what is out of range."""
@@ -99,8 +119,10 @@ class EvaluationConfig:
             object.__setattr__(self, option.name, value)
             choices, minimum = option.metadata['choices'], option.metadata['minimum']
             if choices and value not in choices:
-                raise ConfigError(f"{option.name}: '{value}' is not one of {', '.join(choices)}"
-                                  + nearest_name(value, choices))
+                raise ConfigError(
+                    f"{option.name}: '{value}' is not one of {', '.join(choices)}"
+                    + nearest_name(value, choices)
+                )
             if minimum is not None and not value >= minimum:
                 raise ConfigError(f'{option.name}: {value:g} is below {minimum:g}')
         deltas = tuple(str(Delta.parse(delta)) for delta in self.rpe_deltas)
@@ -112,8 +134,10 @@ class EvaluationConfig:
         for name in ('estimate_to_body', 'ground_truth_to_body'):
             pose = getattr(self, name)
             if len(pose) != 7 or abs(math.hypot(*pose[3:]) - 1) > 1e-2:
-                raise ConfigError(f'{name}: give x y z qx qy qz qw with a unit quaternion, '
-                                  f"not '{' '.join(f'{v:g}' for v in pose)}'")
+                raise ConfigError(
+                    f'{name}: give x y z qx qy qz qw with a unit quaternion, '
+                    f"not '{' '.join(f'{v:g}' for v in pose)}'"
+                )
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> EvaluationConfig:
@@ -165,4 +189,6 @@ def _number(name: str, value: Any) -> float:
         number = math.nan
     if math.isnan(number) or (math.isinf(number) and (name != 'end_s' or number < 0)):
         raise ConfigError(f"{name}: '{value}' is not a finite number")
+    if name.endswith('_s') and math.isfinite(number) and abs(number) > MAX_SECONDS:
+        raise ConfigError(f'{name}: {number:g} s is more than a clock can be off')
     return number

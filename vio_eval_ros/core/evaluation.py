@@ -80,7 +80,7 @@ class Evaluation:
         1e-9 relative, as long as the errors are not below 1e-7 of the extent of the trajectory.
         """
         pairs = self._log.all()
-        new = pairs[self._moments.count:]
+        new = pairs[self._moments.count :]
         self._moments = self._moments.merge(_moments(new))
         self._fitted = self._moments
         if self._align_first_ns:
@@ -101,7 +101,7 @@ class Evaluation:
         if len(pairs) and not alignment.observable:
             warnings.append(self._unobservable(len(pairs)))
         elif len(pairs) < FEW_PAIRS:
-            warnings.append(f'only {len(pairs)} pairs: the numbers mean little')
+            warnings.append(f'{_only(len(pairs))}: the numbers mean little')
         run = Run(pairs, moments, alignment, self.associator, warnings)
         metrics: dict[str, float] = {}
         for metric in self._metrics:
@@ -115,24 +115,32 @@ class Evaluation:
             if not stream.used:
                 dropped = _listed(stream.counts.dropped)
                 return f'no pairs: the {name} has no usable pose' + (
-                    f' (dropped: {dropped})' if dropped else '')
+                    f' (dropped: {dropped})' if dropped else ''
+                )
         spans = f'estimate spans {_span(estimate)} s, ground truth {_span(truth)} s'
         closest_ns = self.associator.closest_ns
-        tolerance = (f'within {self.config.max_difference_s:g} s'
-                     if self.config.association == 'nearest' else
-                     f'where ground truth has no gap above {self.config.max_gap_s:g} s')
-        if closest_ns is None or estimate.first_ns > truth.newest_ns \
-                or truth.first_ns > estimate.newest_ns:
+        tolerance = (
+            f'within {self.config.max_difference_s:g} s'
+            if self.config.association == 'nearest'
+            else f'where ground truth has no gap above {self.config.max_gap_s:g} s'
+        )
+        if (
+            closest_ns is None
+            or estimate.first_ns > truth.newest_ns
+            or truth.first_ns > estimate.newest_ns
+        ):
             return f'no pairs {tolerance}: {spans}; are the clocks the same?'
-        return (f'no pairs {tolerance}: {spans}; the closest stamps are {closest_ns / 1e9:g} s '
-                'apart; is --max-difference-s too small, or --association interpolate meant?')
+        return (
+            f'no pairs {tolerance}: {spans}; the closest stamps are {closest_ns / 1e9:g} s '
+            'apart; is --max-difference-s too small, or --association interpolate meant?'
+        )
 
     def _to_align(self, pairs: Pairs) -> Pairs:
         """Return the pairs of the first ``align_first_s`` seconds."""
         stamps = pairs.estimate.stamps_ns
         if not len(stamps):
             return pairs
-        return pairs[:np.searchsorted(stamps, stamps[0] + self._align_first_ns, side='right')]
+        return pairs[: np.searchsorted(stamps, stamps[0] + self._align_first_ns, side='right')]
 
     def _solve(self, fitted: Moments, pairs: Pairs) -> Alignment:
         return solve(self.config.alignment, fitted, pairs[:1])
@@ -154,24 +162,30 @@ class Evaluation:
     def _unobservable(self, pairs: int) -> str:
         if self.config.alignment == 'origin':
             return 'alignment origin needs the orientations of both first poses: errors are null'
-        why = f'only {pairs} pairs' if pairs < 3 else 'the ground truth stands still or moves ' \
-            'along a line'
-        return (f'{why}: the rotation of the {self.config.alignment} alignment is not determined; '
-                'rotation errors are null')
+        why = _only(pairs) if pairs < 3 else 'the ground truth stands still or moves along a line'
+        return (
+            f'{why}: the rotation of the {self.config.alignment} alignment is not determined; '
+            'rotation errors are null'
+        )
 
     def _stream_warnings(self) -> list[str]:
         warnings = []
-        for name, stream in (('estimate', self.associator.estimate),
-                             ('ground truth', self.associator.ground_truth)):
+        for name, stream in (
+            ('estimate', self.associator.estimate),
+            ('ground truth', self.associator.ground_truth),
+        ):
             dropped = _listed(stream.counts.dropped)
             if dropped:
                 warnings.append(f'{name}: dropped {dropped}')
             if stream.counts.went_backwards:
-                warnings.append(f'{name}: {stream.counts.went_backwards} stamps went backwards; '
-                                'sorted')
+                warnings.append(
+                    f'{name}: {stream.counts.went_backwards} stamps went backwards; sorted'
+                )
             if stream.counts.scaled_quaternion:
-                warnings.append(f'{name}: {stream.counts.scaled_quaternion} quaternions were far '
-                                'from unit length; normalised')
+                warnings.append(
+                    f'{name}: {stream.counts.scaled_quaternion} quaternions were far '
+                    'from unit length; normalised'
+                )
         return warnings
 
 
@@ -180,8 +194,9 @@ def metric_names(config: EvaluationConfig) -> list[str]:
     return list(Evaluation(config).summary().metrics)
 
 
-def running_series(config: EvaluationConfig, estimate: Poses, ground_truth: Poses,
-                   zero_stamps: bool = True) -> Iterator[tuple[int, dict[str, float]]]:
+def running_series(
+    config: EvaluationConfig, estimate: Poses, ground_truth: Poses, zero_stamps: bool = True
+) -> Iterator[tuple[int, dict[str, float]]]:
     """
     Yield stamp and running values as a live evaluation would have had them, second by second.
 
@@ -189,33 +204,41 @@ def running_series(config: EvaluationConfig, estimate: Poses, ground_truth: Pose
     stands at the newest stamp and has the final values.
     """
     offset_ns = nanoseconds(config.time_offset_s)
-    streams = [poses[np.argsort(poses.stamps_ns, kind='stable')]
-               for poses in (estimate, ground_truth)]
+    streams = [
+        poses[np.argsort(poses.stamps_ns, kind='stable')] for poses in (estimate, ground_truth)
+    ]
     clocks = [streams[0].stamps_ns + offset_ns, streams[1].stamps_ns]
     ticks = np.unique(-(-np.concatenate(clocks) // SECOND_NS)) * SECOND_NS
     ends = [np.searchsorted(clock, ticks, side='right').tolist() for clock in clocks]
     evaluation, begins = Evaluation(config), [0, 0]
     for stamp_ns, *end in zip(ticks[:-1].tolist(), *ends, strict=False):
-        evaluation.add_estimate(streams[0][begins[0]:end[0]], zero_stamps)
-        evaluation.add_ground_truth(streams[1][begins[1]:end[1]], zero_stamps)
+        evaluation.add_estimate(streams[0][begins[0] : end[0]], zero_stamps)
+        evaluation.add_ground_truth(streams[1][begins[1] : end[1]], zero_stamps)
         begins = end
         yield stamp_ns, evaluation.running()
-    evaluation.add_estimate(streams[0][begins[0]:], zero_stamps)
-    evaluation.add_ground_truth(streams[1][begins[1]:], zero_stamps)
+    evaluation.add_estimate(streams[0][begins[0] :], zero_stamps)
+    evaluation.add_ground_truth(streams[1][begins[1] :], zero_stamps)
     evaluation.flush()
     summary = evaluation.summary()
     final = {'pairs': len(summary.pairs)} | summary.metrics
-    yield max(int(clock[-1]) for clock in clocks), {name: final[name]
-                                                   for name in evaluation.running()}
+    yield (
+        max(int(clock[-1]) for clock in clocks),
+        {name: final[name] for name in evaluation.running()},
+    )
 
 
 def _moments(pairs: Pairs) -> Moments:
     return Moments.of(pairs.estimate.positions, pairs.ground_truth.positions)
 
 
+def _only(pairs: int) -> str:
+    return f'only {pairs} pair' + 's' * (pairs != 1)
+
+
 def _listed(dropped: dict[str, int]) -> str:
-    return ', '.join(f"{count} {reason.replace('_', '-')}"
-                     for reason, count in dropped.items() if count)
+    return ', '.join(
+        f'{count} {reason.replace("_", "-")}' for reason, count in dropped.items() if count
+    )
 
 
 def _span(stream: Stream) -> str:

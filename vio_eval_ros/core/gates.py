@@ -25,8 +25,10 @@ class Gate(NamedTuple):
         """Return the gate that ``ate_trans_rmse_m<=0.1`` means."""
         match = re.fullmatch(r'\s*(\S+?)\s*(<=|>=)\s*(\S+)\s*', text)
         if not match:
-            raise ConfigError(f"gate '{text}': write METRIC<=LIMIT or METRIC>=LIMIT, such as "
-                              "'ate_trans_rmse_m<=0.1'")
+            raise ConfigError(
+                f"gate '{text}': write METRIC<=LIMIT or METRIC>=LIMIT, such as "
+                "'ate_trans_rmse_m<=0.1'"
+            )
         return cls(match[1], match[2], _limit(match[1], match[3]))
 
     @classmethod
@@ -35,10 +37,14 @@ class Gate(NamedTuple):
         gates = []
         for metric, bounds in limits.items():
             if not isinstance(bounds, Mapping) or not bounds or not bounds.keys() <= LIMITS.keys():
-                raise ConfigError(f'gate {metric}: give its limits as {{max: number}}, '
-                                  f'{{min: number}} or both, not {bounds!r}')
-            gates += [cls(str(metric), LIMITS[bound], _limit(str(metric), limit))
-                      for bound, limit in bounds.items()]
+                raise ConfigError(
+                    f'gate {metric}: give its limits as {{max: number}}, '
+                    f'{{min: number}} or both, not {bounds!r}'
+                )
+            gates += [
+                cls(str(metric), LIMITS[bound], _limit(str(metric), limit))
+                for bound, limit in bounds.items()
+            ]
         return gates
 
     def passes(self, value: float) -> bool:
@@ -63,14 +69,17 @@ def check_names(gates: Iterable[Gate], known: Iterable[str]) -> None:
     names = list(known)
     for gate in gates:
         if gate.metric not in names:
-            raise ConfigError(f"gate '{gate}': there is no metric '{gate.metric}' with these "
-                              f'options{nearest_name(gate.metric, names)}')
+            raise ConfigError(
+                f"gate '{gate}': there is no metric '{gate.metric}' with these "
+                f'options{nearest_name(gate.metric, names)}'
+            )
 
 
 def judge(gates: Iterable[Gate], metrics: Mapping[str, float]) -> list[Verdict]:
     """Return the verdict of each gate."""
-    return [Verdict(gate, metrics[gate.metric], gate.passes(metrics[gate.metric]))
-            for gate in gates]
+    return [
+        Verdict(gate, metrics[gate.metric], gate.passes(metrics[gate.metric])) for gate in gates
+    ]
 
 
 def _limit(metric: str, value: Any) -> float:

@@ -18,7 +18,7 @@ import numpy as np
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.alignment import Alignment, Moments, solve
 from vio_eval_ros.core.association import Associator, nanoseconds, nearest
-from vio_eval_ros.core.config import Delta, DELTA_UNITS, EvaluationConfig
+from vio_eval_ros.core.config import Delta, EvaluationConfig
 from vio_eval_ros.core.statistics import root_mean_square, statistics
 from vio_eval_ros.core.trajectory import Pairs
 
@@ -90,22 +90,27 @@ class Ate(Metric):
 
     def final(self, run: Run) -> dict[str, float]:
         """Return all statistics under the chosen alignment, the RMSE under the usual ones."""
-        return (named('ate_trans', 'm', position_errors(run.pairs, run.alignment))
-                | named('ate_rot', 'deg', rotation_errors(run.pairs, run.alignment))
-                | self._usual(run, lambda alignment: root_mean_square(
-                    position_errors(run.pairs, alignment))))
+        return (
+            named('ate_trans', 'm', position_errors(run.pairs, run.alignment))
+            | named('ate_rot', 'deg', rotation_errors(run.pairs, run.alignment))
+            | self._usual(
+                run, lambda alignment: root_mean_square(position_errors(run.pairs, alignment))
+            )
+        )
 
     def running(self, run: Run) -> dict[str, float]:
         """Return the RMSE: of positions in closed form, of angles over all so far."""
         angles = rotation_errors(run.pairs, run.alignment)
-        return {'ate_trans_rmse_m': math.sqrt(run.alignment.mean_square(run.moments)),
-                'ate_rot_rmse_deg': root_mean_square(angles)} | self._usual(
-                    run, lambda alignment: math.sqrt(alignment.mean_square(run.moments)))
+        return {
+            'ate_trans_rmse_m': math.sqrt(run.alignment.mean_square(run.moments)),
+            'ate_rot_rmse_deg': root_mean_square(angles),
+        } | self._usual(run, lambda alignment: math.sqrt(alignment.mean_square(run.moments)))
 
     def _usual(self, run: Run, rmse: Callable[[Alignment], float]) -> dict[str, float]:
         usual = {mode: solve(mode, run.moments, run.pairs[:1]) for mode in ALWAYS_ALIGNED}
-        return ({f'ate_{mode}_trans_rmse_m': rmse(alignment)
-                 for mode, alignment in usual.items()} | {'sim3_scale': usual['sim3'].scale})
+        return {
+            f'ate_{mode}_trans_rmse_m': rmse(alignment) for mode, alignment in usual.items()
+        } | {'sim3_scale': usual['sim3'].scale}
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,6 +170,7 @@ def progress_along(pairs: Pairs, unit: str) -> np.ndarray:
         return np.arange(len(pairs))
     if unit == 's':
         return pairs.estimate.stamps_ns - pairs.estimate.stamps_ns[:1]
+    steps: np.ndarray
     if unit == 'm':
         steps = lengths(np.diff(pairs.ground_truth.positions, axis=0))
     else:
@@ -215,8 +221,12 @@ def candidates(along: np.ndarray, delta: Delta, mode: str, origin: float = 0.0) 
         begin, end, target = poses[:-1], poses[1:], places[1:]
         adjacent = np.diff(marks) == 1
     tolerance = 0 if delta.unit == 'f' else DELTA_TOLERANCE * step
-    return Candidates(begin, end, target, (end > begin) & adjacent
-                      & (np.abs(along[end] - along[begin] - step) <= tolerance))
+    return Candidates(
+        begin,
+        end,
+        target,
+        (end > begin) & adjacent & (np.abs(along[end] - along[begin] - step) <= tolerance),
+    )
 
 
 def _first_nearest(places: np.ndarray, along: np.ndarray) -> np.ndarray:
@@ -255,16 +265,17 @@ class Rpe(Metric):
 
     def _warn(self, run: Run, delta: Delta, begin: np.ndarray, end: np.ndarray) -> None:
         if not len(begin):
-            run.warnings.append(f'rpe_{delta}: no two pairs are {delta.value:g} '
-                                f'{DELTA_UNITS[delta.unit]} apart')
+            run.warnings.append(f'rpe_{delta}: no two pairs are {delta} apart')
         elif delta.unit == 'f':
             intervals = np.diff(run.pairs.estimate.stamps_ns)
             limit_ns = max(nanoseconds(self.config.max_gap_s), 3 * float(np.median(intervals)))
             gaps = np.concatenate([[0], np.cumsum(intervals > limit_ns)])
             bridging = int(np.count_nonzero(gaps[end] > gaps[begin]))
             if bridging:
-                run.warnings.append(f'rpe_{delta}: {bridging} of {len(begin)} relative motions '
-                                    f'bridge a gap longer than {limit_ns / 1e9:g} s')
+                run.warnings.append(
+                    f'rpe_{delta}: {bridging} of {len(begin)} relative motions '
+                    f'bridge a gap longer than {limit_ns / 1e9:g} s'
+                )
 
 
 class RunningRpe:
@@ -286,7 +297,7 @@ class RunningRpe:
 
     def update(self, run: Run) -> dict[str, float]:
         """Take in what the pairs since the last call decide; return the four values."""
-        pairs = run.pairs[self._next:]
+        pairs = run.pairs[self._next :]
         along = progress_along(pairs, self._delta.unit)
         found = candidates(along, self._delta, self._mode, self._mark)
         # no pair to come can be nearer to a place that has been reached
@@ -299,8 +310,12 @@ class RunningRpe:
             last = found.end[decided - 1]
             self._mark = float(found.target[decided - 1] - along[last])
             self._next += int(last)
-        return {f'rpe_{self._delta}_{kind}_rmse_{unit}': value for (kind, unit), value
-                in zip(RPE_KINDS.items(), self._rmse(run.alignment), strict=True)}
+        return {
+            f'rpe_{self._delta}_{kind}_rmse_{unit}': value
+            for (kind, unit), value in zip(
+                RPE_KINDS.items(), self._rmse(run.alignment), strict=True
+            )
+        }
 
     def _add(self, motion: Motion) -> None:
         pose = motion.turned - motion.truth
@@ -308,9 +323,16 @@ class RunningRpe:
         distance = own - true
         self._count += len(own)
         self._cross += motion.estimate.T @ motion.truth
-        self._sums += [np.sum(pose * pose), np.sum(pose * motion.turned), np.sum(motion.turned**2),
-                       distance @ distance, distance @ own, own @ own, true @ true,
-                       motion.angles @ motion.angles]
+        self._sums += [
+            np.sum(pose * pose),
+            np.sum(pose * motion.turned),
+            np.sum(motion.turned**2),
+            distance @ distance,
+            distance @ own,
+            own @ own,
+            true @ true,
+            motion.angles @ motion.angles,
+        ]
 
     def _rmse(self, alignment: Alignment) -> list[float]:
         """Return the RMSE of the kinds; with d = x - y: |s x - y|² = |d + (s - 1) x|²."""
@@ -324,8 +346,10 @@ class RunningRpe:
             scale**2 * own + true - 2 * scale * np.sum(alignment.matrix.T * self._cross),
             distance + 2 * more * distance_own + more**2 * own,
         )
-        trans, rot, disp, dist = (math.sqrt(max(square / self._count, 0.0)) if square == square
-                                  else math.nan for square in squares)
+        trans, rot, disp, dist = (
+            math.sqrt(max(square / self._count, 0.0)) if square == square else math.nan
+            for square in squares
+        )
         return [trans, math.degrees(rot), disp, dist]
 
 
@@ -340,8 +364,9 @@ class Segments(Metric):
             metrics |= self._drift(f'segment_{length:g}m', run, path, (length,))
         return metrics | self._drift('kitti', run, path, KITTI_LENGTHS_M)
 
-    def _drift(self, name: str, run: Run, path: np.ndarray,
-               over: tuple[float, ...]) -> dict[str, float]:
+    def _drift(
+        self, name: str, run: Run, path: np.ndarray, over: tuple[float, ...]
+    ) -> dict[str, float]:
         begin = np.arange(0, len(path), SEGMENT_STEP)
         translations, angles = [np.empty(0)], [np.empty(0)]
         for length in over:
@@ -351,9 +376,11 @@ class Segments(Metric):
             translations.append(motion.pose_errors(run.alignment.scale) / length)
             angles.append(motion.angles / length)
         drift, turn = np.concatenate(translations), np.concatenate(angles)
-        return {f'{name}_trans_percent': 100 * _mean(drift),
-                f'{name}_rot_deg_per_m': math.degrees(_mean(turn)),
-                f'{name}_segments': len(drift)}
+        return {
+            f'{name}_trans_percent': 100 * _mean(drift),
+            f'{name}_rot_deg_per_m': math.degrees(_mean(turn)),
+            f'{name}_segments': len(drift),
+        }
 
 
 class Path(Metric):
@@ -394,10 +421,13 @@ class Nees(Metric):
     def _mean(self, name: str, run: Run, errors: np.ndarray, block: int) -> float:
         """Return the mean over the pairs whose covariance is positive definite."""
         covariances = run.pairs.estimate.covariances[:, block]  # type: ignore[index]
-        usable = np.linalg.eigvalsh(covariances)[:, 0] > 0
+        usable = np.isfinite(covariances).all(axis=(1, 2))
+        usable[usable] = np.linalg.eigvalsh(covariances[usable])[:, 0] > 0
         if not usable.all():
-            run.warnings.append(f'nees_{name}: {np.count_nonzero(~usable)} of {len(usable)} '
-                                'covariances are not positive definite and left out')
+            run.warnings.append(
+                f'nees_{name}: {np.count_nonzero(~usable)} of {len(usable)} '
+                'covariances are not positive definite and left out'
+            )
         errors = errors[usable]
         weighted = np.linalg.solve(covariances[usable], errors[..., None])[..., 0]
         return _mean(np.sum(errors * weighted, axis=1))
@@ -409,8 +439,10 @@ class Coverage(Metric):
     def final(self, run: Run) -> dict[str, float]:
         """Return the share of the time that was tracked, and of the estimates that were paired."""
         settled = run.associator.estimate.settled
-        return {'coverage_ratio': run.associator.coverage_ratio(),
-                'matched_ratio': len(run.pairs) / settled if settled else math.nan}
+        return {
+            'coverage_ratio': run.associator.coverage_ratio(),
+            'matched_ratio': len(run.pairs) / settled if settled else math.nan,
+        }
 
     running = final
 

@@ -36,7 +36,7 @@ def rotate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
     vx, vy, vz = v[..., 0], v[..., 1], v[..., 2]
     # v + 2 w (u × v) + 2 u × (u × v), with u the vector part
     tx, ty, tz = 2 * (y * vz - z * vy), 2 * (z * vx - x * vz), 2 * (x * vy - y * vx)
-    rotated = np.empty(np.broadcast_shapes(q.shape[:-1], v.shape[:-1]) + (3,))
+    rotated = np.empty((*np.broadcast_shapes(q.shape[:-1], v.shape[:-1]), 3))
     rotated[..., 0] = vx + w * tx + y * tz - z * ty
     rotated[..., 1] = vy + w * ty + z * tx - x * tz
     rotated[..., 2] = vz + w * tz + x * ty - y * tx
@@ -53,8 +53,7 @@ def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     difference = np.linalg.norm(a - b, axis=-1)
     total = np.linalg.norm(a + b, axis=-1)
     # q and -q are the same rotation: the shorter chord is the one meant
-    return np.asarray(4 * np.arctan2(np.minimum(difference, total),
-                                     np.maximum(difference, total)))
+    return np.asarray(4 * np.arctan2(np.minimum(difference, total), np.maximum(difference, total)))
 
 
 def slerp(a: np.ndarray, b: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -68,8 +67,10 @@ def slerp(a: np.ndarray, b: np.ndarray, weight: np.ndarray) -> np.ndarray:
     weight = np.asarray(weight)[..., None]
     # sinc keeps the ratio of sines finite where both poses are the same
     scale = np.sinc(half / np.pi)
-    return normalize(a * ((1 - weight) * np.sinc((1 - weight) * half / np.pi) / scale)
-                     + b * (weight * np.sinc(weight * half / np.pi) / scale))
+    return normalize(
+        a * ((1 - weight) * np.sinc((1 - weight) * half / np.pi) / scale)
+        + b * (weight * np.sinc(weight * half / np.pi) / scale)
+    )
 
 
 def from_rotation_vector(v: np.ndarray) -> np.ndarray:
@@ -99,13 +100,24 @@ def from_matrix(matrix: np.ndarray) -> np.ndarray:
     """
     m = np.asarray(matrix)
     xx, yy, zz = m[..., 0, 0], m[..., 1, 1], m[..., 2, 2]
-    x, y, z = (m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0],
-               m[..., 1, 0] - m[..., 0, 1])
-    xy, xz, yz = (m[..., 0, 1] + m[..., 1, 0], m[..., 0, 2] + m[..., 2, 0],
-                  m[..., 1, 2] + m[..., 2, 1])
-    rows = np.stack([np.stack([1 + xx - yy - zz, xy, xz, x], -1),
-                     np.stack([xy, 1 - xx + yy - zz, yz, y], -1),
-                     np.stack([xz, yz, 1 - xx - yy + zz, z], -1),
-                     np.stack([x, y, z, 1 + xx + yy + zz], -1)], -2)
+    x, y, z = (
+        m[..., 2, 1] - m[..., 1, 2],
+        m[..., 0, 2] - m[..., 2, 0],
+        m[..., 1, 0] - m[..., 0, 1],
+    )
+    xy, xz, yz = (
+        m[..., 0, 1] + m[..., 1, 0],
+        m[..., 0, 2] + m[..., 2, 0],
+        m[..., 1, 2] + m[..., 2, 1],
+    )
+    rows = np.stack(
+        [
+            np.stack([1 + xx - yy - zz, xy, xz, x], -1),
+            np.stack([xy, 1 - xx + yy - zz, yz, y], -1),
+            np.stack([xz, yz, 1 - xx - yy + zz, z], -1),
+            np.stack([x, y, z, 1 + xx + yy + zz], -1),
+        ],
+        -2,
+    )
     longest = np.argmax(np.stack([xx - yy - zz, yy - xx - zz, zz - xx - yy, xx + yy + zz], -1), -1)
     return normalize(np.take_along_axis(rows, longest[..., None, None], -2)[..., 0, :])

@@ -14,6 +14,7 @@ Columns = TypeVar('Columns', bound='Poses')
 
 MIN_QUATERNION_NORM = 1e-6
 UNIT_QUATERNION_TOLERANCE = 1e-2
+LARGEST = 1e100
 COLUMNS = ('stamps_ns', 'positions', 'rotations', 'covariances')
 
 
@@ -44,8 +45,9 @@ class Poses:
 
     def __getitem__(self: Columns, index: Any) -> Columns:
         """Return the rows that a slice, mask or index array selects."""
-        columns = (getattr(self, name) for name in COLUMNS)
-        return type(self)(*(None if c is None else c[index] for c in columns))
+        columns = [getattr(self, name) for name in COLUMNS]
+        selected: list[Any] = [None if column is None else column[index] for column in columns]
+        return type(self)(*selected)
 
     @classmethod
     def concatenate(cls: type[Columns], parts: Sequence[Columns]) -> Columns:
@@ -54,8 +56,11 @@ class Poses:
         if len(parts) == 1:
             return parts[0]
         columns = ([getattr(part, name) for part in parts] for name in COLUMNS)
-        return cls(*(None if any(c is None for c in column) else np.concatenate(column)
-                     for column in columns))
+        joined: list[Any] = [
+            None if any(c is None for c in column) else np.concatenate(column)
+            for column in columns
+        ]
+        return cls(*joined)
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,8 +98,11 @@ class Pairs:
         """Return the pairs of N estimated and N true poses."""
         if estimate.rotations is None or ground_truth.rotations is None:
             return cls(estimate, ground_truth, None)
-        return cls(estimate, ground_truth, rotation.multiply(
-            ground_truth.rotations, rotation.conjugate(estimate.rotations)))
+        return cls(
+            estimate,
+            ground_truth,
+            rotation.multiply(ground_truth.rotations, rotation.conjugate(estimate.rotations)),
+        )
 
     def __len__(self) -> int:
         """Return the number of pairs."""
@@ -102,8 +110,11 @@ class Pairs:
 
     def __getitem__(self, index: Any) -> Pairs:
         """Return the pairs that a slice, mask or index array selects."""
-        return Pairs(self.estimate[index], self.ground_truth[index],
-                     None if self.turns is None else self.turns[index])
+        return Pairs(
+            self.estimate[index],
+            self.ground_truth[index],
+            None if self.turns is None else self.turns[index],
+        )
 
     @classmethod
     def empty(cls) -> Pairs:
@@ -124,14 +135,19 @@ class PairLog:
             return
         if self._count:
             self._pairs = Pairs(
-                Trajectory(*(self._grown(getattr(self._pairs.estimate, name),
-                                         getattr(pairs.estimate, name)) for name in COLUMNS)),
-                Trajectory(*(self._grown(getattr(self._pairs.ground_truth, name),
-                                         getattr(pairs.ground_truth, name)) for name in COLUMNS)),
-                self._grown(self._pairs.turns, pairs.turns))
+                self._longer(self._pairs.estimate, pairs.estimate),
+                self._longer(self._pairs.ground_truth, pairs.ground_truth),
+                self._grown(self._pairs.turns, pairs.turns),
+            )
         else:
             self._pairs = pairs
         self._count += len(pairs)
+
+    def _longer(self, trajectory: Trajectory, new: Trajectory) -> Trajectory:
+        columns: list[Any] = [
+            self._grown(getattr(trajectory, name), getattr(new, name)) for name in COLUMNS
+        ]
+        return Trajectory(*columns)
 
     def _grown(self, column: np.ndarray | None, new: np.ndarray | None) -> np.ndarray | None:
         """Return the column with the new rows, in a buffer that doubles when it is full."""
@@ -140,14 +156,14 @@ class PairLog:
         end = self._count + len(new)
         if end > len(column):
             bigger = np.empty((max(end, 2 * len(column)), *column.shape[1:]), column.dtype)
-            bigger[:self._count] = column[:self._count]
+            bigger[: self._count] = column[: self._count]
             column = bigger
-        column[self._count:end] = new
+        column[self._count : end] = new
         return column
 
     def all(self) -> Pairs:
         """Return all pairs so far."""
-        return self._pairs[:self._count]
+        return self._pairs[: self._count]
 
 
 @dataclass
@@ -177,20 +193,21 @@ class Cleaning:
         return {reason: n for reason, n in asdict(self).items() if reason not in kept}
 
 
-def clean(poses: Poses, counts: Cleaning, newest_ns: int | None = None,
-          zero_stamps: bool = True) -> Trajectory:
+def clean(
+    poses: Poses, counts: Cleaning, newest_ns: int | None = None, zero_stamps: bool = True
+) -> Trajectory:
     """
     Return the usable poses in order of their stamps; add what was wrong to ``counts``.
 
-    Rows with a non-finite number or a quaternion of length zero are dropped, other quaternions
-    normalised; of equal stamps the first to arrive stays.
+    Rows with a non-finite number (or one so large that its square is none) or a quaternion of
+    length zero are dropped, other quaternions normalised; of equal stamps the first stays.
 
     :param newest_ns: the newest stamp of earlier batches of the same stream, if any.
     :param zero_stamps: False drops poses stamped 0, as messages published before ``/clock`` are.
     """
-    keep = np.isfinite(poses.positions).all(axis=1)
+    keep = (np.abs(poses.positions) < LARGEST).all(axis=1)
     if poses.rotations is not None:
-        keep &= np.isfinite(poses.rotations).all(axis=1)
+        keep &= (np.abs(poses.rotations) < LARGEST).all(axis=1)
     counts.non_finite += len(poses) - int(np.count_nonzero(keep))
     if not zero_stamps:
         counts.zero_stamp += int(np.count_nonzero(keep & (poses.stamps_ns == 0)))
@@ -204,8 +221,9 @@ def clean(poses: Poses, counts: Cleaning, newest_ns: int | None = None,
         if not usable.all():
             counts.zero_quaternion += int(np.count_nonzero(~usable))
             poses, norms = poses[usable], norms[usable]
-        counts.scaled_quaternion += int(np.count_nonzero(
-            np.abs(norms - 1) > UNIT_QUATERNION_TOLERANCE))
+        counts.scaled_quaternion += int(
+            np.count_nonzero(np.abs(norms - 1) > UNIT_QUATERNION_TOLERANCE)
+        )
         rotations = poses.rotations / norms[:, None]  # type: ignore[operator]
     trajectory = Trajectory(poses.stamps_ns, poses.positions, rotations, poses.covariances)
     return _in_order(trajectory, counts, newest_ns)

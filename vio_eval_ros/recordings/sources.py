@@ -12,7 +12,7 @@ From what a user writes to poses: one source spec in, the poses it names out.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 import re
@@ -30,13 +30,14 @@ from vio_eval_ros.recordings.text import read_text, STAMP_UNITS, TextFile
 
 RECORDING_SUFFIXES = ('.bag', '.db3', '.mcap')
 QUATERNION_COLUMNS = {'xyzw': [4, 5, 6, 7], 'wxyz': [5, 6, 7, 4]}
+CONVENTIONS = {'tum': ('s', 'xyzw'), 'euroc': ('ns', 'wxyz')}
 STATEMENTS = {
     'quaternion': tuple(QUATERNION_COLUMNS),
     'stamps': tuple(STAMP_UNITS),
     'invert': ('pose', 'rotation'),
     'revision': ('final', 'causal'),
 }
-TRUTH_WORDS = re.compile(r'truth|(^|[/_])gt($|[/_])|vicon|leica|mocap|optitrack|qualisys|reference')
+TRUTH_WORDS = re.compile(r'truth|(^|[/_])gt($|[/_])|vicon|leica|mocap|optitrack|qualisys')
 
 
 class Spec(NamedTuple):
@@ -59,15 +60,18 @@ class Spec(NamedTuple):
         statements = dict(parse_qsl(query, keep_blank_values=True))
         for name, value in statements.items():
             if name not in STATEMENTS:
-                raise ConfigError(f"{text}: '{name}' cannot be stated of a source; "
-                                  f"{', '.join(STATEMENTS)} can{nearest_name(name, STATEMENTS)}")
+                raise ConfigError(
+                    f"{text}: '{name}' cannot be stated of a source; "
+                    f'{", ".join(STATEMENTS)} can{nearest_name(name, STATEMENTS)}'
+                )
             if value not in STATEMENTS[name]:
-                raise ConfigError(f"{text}: {name} is {' or '.join(STATEMENTS[name])}, "
-                                  f"not '{value}'")
+                raise ConfigError(
+                    f"{text}: {name} is {' or '.join(STATEMENTS[name])}, not '{value}'"
+                )
         for colon in re.finditer(r':(?=/)', body):
-            recording = Path(body[:colon.start()])
+            recording = Path(body[: colon.start()])
             if recording.suffix in RECORDING_SUFFIXES or recording.exists():
-                return cls(recording, body[colon.end():], statements)
+                return cls(recording, body[colon.end() :], statements)
         if body.startswith('/') and not Path(body).exists():
             return cls(None, body, statements)
         return cls(Path(body), None, statements)
@@ -93,8 +97,12 @@ class Source:
     warnings: tuple[str, ...] = ()
 
 
-def read_sources(specs: Sequence[str], recording: Path | None = None, times: Path | None = None,
-                 progress: Progress = silent) -> list[Source]:
+def read_sources(
+    specs: Sequence[str],
+    recording: Path | None = None,
+    times: Path | None = None,
+    progress: Progress = silent,
+) -> list[Source]:
     """
     Return what each spec names, with one pass over each recording.
 
@@ -103,20 +111,32 @@ def read_sources(specs: Sequence[str], recording: Path | None = None, times: Pat
     """
     parsed = [_located(spec, recording) for spec in specs]
     found: dict[int, Source] = {}
-    recordings = dict.fromkeys((spec.path, spec.statements.get('revision', 'final'))
-                               for spec in parsed if spec.topic)
+    recordings = dict.fromkeys(
+        (spec.path, spec.statements.get('revision', 'final')) for spec in parsed if spec.topic
+    )
     for path, revision in recordings:
-        wanted = [k for k, spec in enumerate(parsed) if spec.topic
-                  and (spec.path, spec.statements.get('revision', 'final')) == (path, revision)]
-        found |= zip(wanted, _from_recording(path, [specs[k] for k in wanted],
-                                             [parsed[k] for k in wanted], revision, progress),
-                     strict=True)
-    return [found[k] if k in found else _from_text(spec, parsed[k], times, progress)
-            for k, spec in enumerate(specs)]
+        wanted = [
+            k
+            for k, spec in enumerate(parsed)
+            if spec.topic
+            and (spec.path, spec.statements.get('revision', 'final')) == (path, revision)
+        ]
+        found |= zip(
+            wanted,
+            _from_recording(
+                path, [specs[k] for k in wanted], [parsed[k] for k in wanted], revision, progress
+            ),
+            strict=True,
+        )
+    return [
+        found[k] if k in found else _from_text(spec, parsed[k], times, progress)
+        for k, spec in enumerate(specs)
+    ]
 
 
-def default_topics(recording: Path, estimate: str | None = None,
-                   ground_truth: str | None = None) -> tuple[str, str]:
+def default_topics(
+    recording: Path, estimate: str | None = None, ground_truth: str | None = None
+) -> tuple[str, str]:
     """
     Return the topics of the estimate and of the truth, where there is only one sensible choice.
 
@@ -124,54 +144,78 @@ def default_topics(recording: Path, estimate: str | None = None,
     :param ground_truth: likewise.
     """
     from vio_eval_ros.recordings.bags import Recording
+
     with Recording(recording) as opened:
         topics = [topic for topic in opened.topics if topic.has_pose and topic.count]
-    truths = [topic.name for topic in topics if TRUTH_WORDS.search(topic.name.lower())]
-    estimates = [topic.name for topic in topics if topic.name not in truths]
-    chosen = [[estimate] if estimate else estimates, [ground_truth] if ground_truth else truths]
-    if all(len(names) == 1 for names in chosen):
-        return chosen[0][0], chosen[1][0]
+    names = [topic.name for topic in topics if topic.name not in (estimate, ground_truth)]
+    truths = (
+        [ground_truth]
+        if ground_truth
+        else [name for name in names if TRUTH_WORDS.search(name.lower())]
+    )
+    estimates = (
+        [estimate]
+        if estimate
+        else [name for name in names if not TRUTH_WORDS.search(name.lower())]
+    )
+    if len(estimates) == 1 and len(truths) == 1:
+        return estimates[0], truths[0]
     listed = ', '.join(f'{topic.name} ({topic.msgtype}, {topic.count})' for topic in topics)
-    raise ReadError(recording, 'name the topics with --estimate and --ground-truth; '
-                    + (f'those with poses are {listed}' if listed else 'none has poses'))
+    raise ReadError(
+        recording,
+        'name the topics with --estimate and --ground-truth; '
+        + (f'those with poses are {listed}' if listed else 'none has poses'),
+    )
 
 
 def _located(text: str, recording: Path | None) -> Spec:
     spec = Spec.parse(text)
     if spec.path is None:
         if recording is None:
-            raise ReadError(text, 'there is no such file; a topic needs a RECORDING, given first '
-                            'or as RECORDING:/topic')
+            raise ReadError(
+                text,
+                'there is no such file; a topic needs a RECORDING, given first '
+                'or as RECORDING:/topic',
+            )
         return spec._replace(path=recording)
-    if spec.topic is None and (spec.path.suffix in RECORDING_SUFFIXES
-                               or (spec.path / 'metadata.yaml').exists()):
+    if spec.topic is None and (
+        spec.path.suffix in RECORDING_SUFFIXES or (spec.path / 'metadata.yaml').exists()
+    ):
         raise ReadError(text, f'this is a recording; say which topic of it: {spec.path}:/topic')
     return spec
 
 
-def _from_recording(path: Path | None, texts: Sequence[str], specs: Sequence[Spec], revision: str,
-                    progress: Progress) -> list[Source]:
+def _from_recording(
+    path: Path | None,
+    texts: Sequence[str],
+    specs: Sequence[Spec],
+    revision: str,
+    progress: Progress,
+) -> list[Source]:
     from vio_eval_ros.recordings.bags import Recording
+
     assert path is not None
     with Recording(path) as opened:
         poses = opened.read([str(spec.topic) for spec in specs], progress, revision)
         notes = tuple(opened.warnings)
-        return [Source(text, opened.kind, opened.paths, _as_stated(columns, spec), False, notes)
-                for text, spec, columns in zip(texts, specs, poses, strict=True)]
+        return [
+            Source(text, opened.kind, opened.paths, _as_stated(columns, spec), False, notes)
+            for text, spec, columns in zip(texts, specs, poses, strict=True)
+        ]
 
 
 def _from_text(text: str, spec: Spec, times: Path | None, progress: Progress) -> Source:
     path, notes = _file(spec.path or Path())
     read = read_text(path, progress)
     columns = read.rows.values.shape[1]
-    if times is not None and columns == 12:
-        poses, kind = _kitti(read, times), 'kitti'
+    if columns == 12 and (times is not None or _are_matrices(read.rows.values)):
+        kind = 'kitti'
     elif columns >= 8 or (columns == 4 and read.kind == 'euroc'):
-        poses, more = _stamped(read, spec.statements)
-        kind, notes = read.kind, notes + more
+        kind = read.kind
     else:
         raise ReadError(path, f'{columns} columns; a trajectory has 8: stamp x y z qx qy qz qw')
-    paths = (path,) if kind != 'kitti' or times is None else (path, times)
+    poses = READERS[kind](read, spec.statements, times, notes)
+    paths = (path, times) if kind == 'kitti' and times else (path,)
     return Source(text, kind, paths, _as_stated(poses, spec), True, tuple(notes))
 
 
@@ -186,47 +230,77 @@ def _file(path: Path) -> tuple[Path, list[str]]:
                 return file, [f'{file}: the pose of a marker, not of the IMU'] if raw else []
     if (path / 'data.csv').is_file():
         return path / 'data.csv', []
-    raise ReadError(path, 'this folder is no recording (metadata.yaml) and no EuRoC sequence '
-                    '(mav0/state_groundtruth_estimate0/data.csv)')
+    raise ReadError(
+        path,
+        'this folder is no recording (metadata.yaml) and no EuRoC sequence '
+        '(mav0/state_groundtruth_estimate0/data.csv)',
+    )
 
 
-def _stamped(read: TextFile, statements: dict[str, str]) -> tuple[Poses, list[str]]:
-    """Return the poses of rows that begin with a stamp, and what was taken for granted."""
-    notes, values = [], read.rows.values
-    usual = 'ns' if read.kind == 'euroc' else 's'
+def _stamped(
+    read: TextFile, statements: dict[str, str], times: Path | None, notes: list[str]
+) -> Poses:
+    """Return the poses of rows that begin with a stamp; note what was taken for granted."""
+    values = read.rows.values
+    usual, usual_order = CONVENTIONS[read.kind]
     unit = statements.get('stamps') or _unit(read)
     if unit != usual and 'stamps' not in statements:
         notes.append(f'{read.path}: stamps are taken as {unit}, not {usual}, by their size')
     stamps = read.rows.nanoseconds(read.path, unit)
     if values.shape[1] == 4:
-        return Poses(stamps, values[:, 1:4]), notes
+        return Poses(stamps, values[:, 1:4])
     order = statements.get('quaternion') or read.quaternion
     if order is None and read.kind == 'tum' and read.commas:
-        notes.append(f'{read.path}: quaternions are taken as x y z w; state ?quaternion=wxyz if w '
-                     'comes first')
-    order = order or ('wxyz' if read.kind == 'euroc' else 'xyzw')
-    return Poses(stamps, values[:, 1:4], values[:, QUATERNION_COLUMNS[order]]), notes
+        notes.append(
+            f'{read.path}: quaternions are taken as x y z w; state ?quaternion=wxyz if w '
+            'comes first'
+        )
+    return Poses(stamps, values[:, 1:4], values[:, QUATERNION_COLUMNS[order or usual_order]])
 
 
 def _unit(read: TextFile) -> str:
     """Return the unit of stamps that their size shows; what a EuRoC csv has is nanoseconds."""
-    largest = float(np.max(np.abs(read.rows.digits / 10.0**read.rows.decimals)))
+    largest = read.rows.largest_stamp
     if read.kind == 'euroc':
         return 's' if largest < 1e11 and read.rows.decimals.any() else 'ns'
-    return next(unit for unit, limit in
-                (('s', 1e11), ('ms', 1e14), ('us', 1e17), ('ns', np.inf)) if largest < limit)
+    return next(
+        unit
+        for unit, limit in (('s', 1e11), ('ms', 1e14), ('us', 1e17), ('ns', np.inf))
+        if largest < limit
+    )
 
 
-def _kitti(read: TextFile, times: Path) -> Poses:
+def _are_matrices(values: np.ndarray) -> bool:
+    """Return whether rows of 12 numbers begin with a 3x4 matrix of a rotation, as KITTI's do."""
+    turn = values[0].reshape(3, 4)[:, :3]
+    return bool(np.allclose(turn @ turn.T, np.eye(3), atol=1e-3))
+
+
+def _kitti(
+    read: TextFile, statements: dict[str, str], times: Path | None, notes: list[str]
+) -> Poses:
     """Return the poses of rows of 3x4 matrices, with stamps [s] from another file."""
+    if times is None:
+        raise ReadError(
+            read.path, 'these are KITTI poses; give the file of their stamps with --times'
+        )
     stamps = read_text(times).rows
     values = read.rows.values
     if len(stamps.values) != len(values):
-        raise ReadError(times, f'{len(stamps.values)} stamps for {len(values)} poses in '
-                        f'{read.path}')
+        raise ReadError(
+            times, f'{len(stamps.values)} stamps for {len(values)} poses in {read.path}'
+        )
     matrices = values.reshape(-1, 3, 4)
-    return Poses(stamps.nanoseconds(times, 's'), matrices[:, :, 3],
-                 rotation.from_matrix(matrices[:, :, :3]))
+    return Poses(
+        stamps.nanoseconds(times, 's'), matrices[:, :, 3], rotation.from_matrix(matrices[:, :, :3])
+    )
+
+
+READERS: dict[str, Callable[[TextFile, dict[str, str], Path | None, list[str]], Poses]] = {
+    'tum': _stamped,
+    'euroc': _stamped,
+    'kitti': _kitti,
+}
 
 
 def _as_stated(poses: Poses, spec: Spec) -> Poses:
@@ -241,5 +315,9 @@ def _as_stated(poses: Poses, spec: Spec) -> Poses:
         return replace(poses, rotations=inverse, covariances=None)
     norms = np.linalg.norm(inverse, axis=1, keepdims=True)
     unit = inverse / np.where(norms < MIN_QUATERNION_NORM, 1.0, norms)
-    return replace(poses, positions=-rotation.rotate(unit, poses.positions), rotations=inverse,
-                   covariances=None)
+    return replace(
+        poses,
+        positions=-rotation.rotate(unit, poses.positions),
+        rotations=inverse,
+        covariances=None,
+    )

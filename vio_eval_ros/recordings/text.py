@@ -9,6 +9,7 @@ digits are read as integers, since a float64 resolves only 238 ns at today's tim
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 import re
 from typing import NamedTuple
@@ -23,6 +24,7 @@ BLOCK_BYTES = 1 << 18
 STAMP_UNITS = {'s': 9, 'ms': 6, 'us': 3, 'ns': 0}
 INT64_DIGITS = 19
 EXACT = 1 << 53
+LATEST_NS = 1 << 62
 POWERS = 10.0 ** np.arange(23)
 
 _COMMENT = re.compile(rb'(?m)^[ \t]*[#%][^\n]*')
@@ -42,11 +44,16 @@ class Rows(NamedTuple):
     decimals: np.ndarray
     values: np.ndarray
 
+    @property
+    def largest_stamp(self) -> float:
+        """The largest number of the first column, whatever its sign."""
+        return float(np.max(np.abs(self.digits / POWERS[self.decimals])))
+
     def nanoseconds(self, path: Path, unit: str) -> np.ndarray:
         """Return the first column as (N,) int64 nanoseconds, given its unit."""
         shift = STAMP_UNITS[unit] - self.decimals
         up = np.where(shift > 0, shift, 0)
-        if len(up) and np.max(np.abs(self.digits) * POWERS[up]) >= 2.0**63:
+        if self.largest_stamp * POWERS[STAMP_UNITS[unit]] > LATEST_NS:
             raise ReadError(path, f'stamps are too large to be {unit}')
         stamps = self.digits * 10**up
         if (shift < 0).any():
@@ -81,16 +88,22 @@ def read_text(path: Path, progress: Progress = silent) -> TextFile:
     if not data.strip():
         raise ReadError(path, 'the file is empty')
     if b'\0' in data[:BLOCK_BYTES]:
-        raise ReadError(path, 'this is no text file and no recording; a recording ends in .bag, '
-                        '.db3 or .mcap')
+        raise ReadError(
+            path, 'this is no text file and no recording; a recording ends in .bag, .db3 or .mcap'
+        )
     header, start = _header(data)
     rows = _rows(path, data, start, progress)
     names = header.lower().replace(b'_', b'')
     w, x = re.search(rb'\bq(rs)?w\b', names), re.search(rb'\bq(rs)?x\b', names)
     quaternion = None if not w or not x else 'wxyz' if w.start() < x.start() else 'xyzw'
     euroc = path.name == 'data.csv' or re.match(rb'#timestamp(kf)?( \[ns\])?,', names)
-    return TextFile(path, rows, 'euroc' if euroc else 'tum', quaternion,
-                    b',' in data[start:start + BLOCK_BYTES])
+    return TextFile(
+        path,
+        rows,
+        'euroc' if euroc else 'tum',
+        quaternion,
+        b',' in data[start : start + BLOCK_BYTES],
+    )
 
 
 def _header(data: bytes) -> tuple[bytes, int]:
@@ -111,7 +124,7 @@ def _rows(path: Path, data: bytes, start: int, progress: Progress) -> Rows:
     while cuts[-1] < len(data):
         cuts.append(data.find(b'\n', cuts[-1] + BLOCK_BYTES) + 1 or len(data))
     parts, width = [], 0
-    for begin, end in progress(zip(cuts, cuts[1:]), len(cuts) - 1):  # noqa: B905
+    for begin, end in progress(pairwise(cuts), len(cuts) - 1):
         block = data[begin:end]
         try:
             rows = _parse(_tidied(block), width)
@@ -141,16 +154,25 @@ def _tidied(block: bytes) -> bytes:
         block = block.translate(_SEPARATORS)
     if b'#' in block or b'%' in block:
         block = _COMMENT.sub(b'', block)
-    if b'  ' in block or b' \n' in block or b'\n ' in block or b'\n\n' in block \
-            or block[:1] in b' \n' or block[-1:] != b'\n':
+    if (
+        b'  ' in block
+        or b' \n' in block
+        or b'\n ' in block
+        or b'\n\n' in block
+        or block[:1] in b' \n'
+        or block[-1:] != b'\n'
+    ):
         block = re.sub(rb' *\n\s*', b'\n', re.sub(rb' +', b' ', block)).strip() + b'\n'
     return block
 
 
 def _line_of_row(block: bytes, row: int) -> int:
     """Return the line, counted from 1, of a row of a block."""
-    lines = [line for line, text in enumerate(block.translate(_SEPARATORS).splitlines(), 1)
-             if text.strip() and not text.strip().startswith((b'#', b'%'))]
+    lines = [
+        line
+        for line, text in enumerate(block.translate(_SEPARATORS).splitlines(), 1)
+        if text.strip() and not text.strip().startswith((b'#', b'%'))
+    ]
     return lines[row]
 
 
@@ -179,12 +201,13 @@ def _parse(block: bytes, width: int) -> Rows | None:
         if values is None:
             raise _not_a_number(block)
     values = values.reshape(-1, width)
-    first = np.concatenate([[0], ends[width - 1:-1:width] + 1])
+    first = np.concatenate([[0], ends[width - 1 : -1 : width] + 1])
     if digits is not None and np.max(ends[::width] - first) <= INT64_DIGITS:
         return Rows(digits[::width], decimals[::width], values)
-    values[~np.isfinite(values[:, 0])] = np.nan
-    if b'e' in block or b'E' in block:
-        return Rows(*_stamps_of_floats(values[:, 0]), values)
+    finite = np.isfinite(values[:, 0])
+    if b'e' in block or b'E' in block or not finite.all():
+        values[~finite] = np.nan
+        return Rows(*_stamps_of_floats(np.where(finite, values[:, 0], 0)), values)
     return Rows(*_long_stamps(text, first, ends[::width], points[::width]), values)
 
 
@@ -192,8 +215,10 @@ def _check_width(text: np.ndarray, ends: np.ndarray, width: int) -> int:
     """Return how many numbers every row has, given where each number ends."""
     row_ends = np.flatnonzero(text[ends] == ord('\n'))
     width = width or int(row_ends[0]) + 1
-    if len(ends) != width * len(row_ends) or (row_ends[::-1] != np.arange(
-            len(ends) - 1, -1, -width)).any():
+    if (
+        len(ends) != width * len(row_ends)
+        or (row_ends[::-1] != np.arange(len(ends) - 1, -1, -width)).any()
+    ):
         counts = np.diff(row_ends, prepend=-1)
         row = int(np.flatnonzero(counts != width)[0])
         raise _BadRow(row, f'{counts[row]} columns, but {width} in the lines before')
@@ -216,8 +241,11 @@ def _points(text: np.ndarray, ends: np.ndarray, width: int) -> np.ndarray:
 
 def _exact(digits: np.ndarray, decimals: np.ndarray) -> bool:
     """Return whether digits and power of ten are both exact as float64."""
-    return bool(-EXACT < digits.min(initial=0) and digits.max(initial=0) < EXACT
-                and decimals.max() < len(POWERS))
+    return bool(
+        -EXACT < digits.min(initial=0)
+        and digits.max(initial=0) < EXACT
+        and decimals.max() < len(POWERS)
+    )
 
 
 def _numbers(text: bytes, kind: type, count: int) -> np.ndarray | None:
@@ -243,15 +271,17 @@ def _not_a_number(block: bytes) -> _BadRow:
     return _BadRow(0, 'there is something that is not a number')
 
 
-def _long_stamps(text: np.ndarray, begin: np.ndarray, end: np.ndarray,
-                 point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _long_stamps(
+    text: np.ndarray, begin: np.ndarray, end: np.ndarray, point: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return digits and decimals of stamps written with more digits than an int64 holds."""
     # whatever the unit, an int64 holds the nanoseconds; digits behind them are cut
     keep = np.minimum(end, point + 1 + (INT64_DIGITS - (point - begin)).clip(min=0))
     length = keep - begin + 1
     first = np.cumsum(length) - length
-    chars = text[np.minimum(np.arange(length.sum()) + np.repeat(begin - first, length),
-                            len(text) - 1)]
+    chars = text[
+        np.minimum(np.arange(length.sum()) + np.repeat(begin - first, length), len(text) - 1)
+    ]
     chars[first + length - 1] = ord(' ')
     digits = _numbers(chars.tobytes().replace(b'.', b''), np.int64, len(begin))
     if digits is None:
@@ -261,8 +291,11 @@ def _long_stamps(text: np.ndarray, begin: np.ndarray, end: np.ndarray,
 
 def _stamps_of_floats(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return digits and decimals of stamps written with exponents: as exact as a float64 is."""
-    whole = np.floor(np.nan_to_num(values))
-    if np.abs(whole).max() >= 2.0**33:
+    whole = np.floor(values)
+    largest = np.abs(whole).max()
+    if largest >= 2.0**63:
+        raise _BadRow(int(np.abs(whole).argmax()), 'a stamp is too large')
+    if largest >= 2.0**33:
         return whole.astype(np.int64), np.zeros(len(whole), np.int64)
-    rest = np.rint((np.nan_to_num(values) - whole) * 1e9)
+    rest = np.rint((values - whole) * 1e9)
     return whole.astype(np.int64) * 10**9 + rest.astype(np.int64), np.full(len(whole), 9)

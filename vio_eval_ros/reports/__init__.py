@@ -29,8 +29,14 @@ def write(path: Path, text: str) -> None:
     """
     temporary = None
     try:
-        with tempfile.NamedTemporaryFile('w', dir=path.parent, prefix=f'.{path.name}.',
-                                         encoding='utf-8', newline='\n', delete=False) as file:
+        with tempfile.NamedTemporaryFile(
+            'w',
+            dir=path.parent,
+            prefix=f'.{path.name}.',
+            encoding='utf-8',
+            newline='\n',
+            delete=False,
+        ) as file:
             temporary = Path(file.name)
             file.write(text)
             file.flush()

@@ -9,7 +9,7 @@ from xml.etree import ElementTree
 
 from vio_eval_ros.core.statistics import STATISTICS
 from vio_eval_ros.reports.result import Result
-from vio_eval_ros.reports.text import number, rows
+from vio_eval_ros.reports.text import number, percent, rows
 
 UNPRINTABLE = re.compile('[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]')
 
@@ -20,10 +20,16 @@ def json_report(result: Result) -> str:
 
 
 def junit_report(result: Result) -> str:
-    """Return a JUnit test suite: a case for each gate, or one that says that the run was scored."""
-    cases = [(str(verdict.gate), None if verdict.passed else
-              f'{verdict.gate.metric} is {number(verdict.value)}, the gate is {verdict.gate}')
-             for verdict in result.verdicts] or [('evaluated', None)]
+    """Return a JUnit test suite: a case for each gate, or one that says that it was scored."""
+    cases = [
+        (
+            str(verdict.gate),
+            None
+            if verdict.passed
+            else f'{verdict.gate.metric} is {number(verdict.value)}, the gate is {verdict.gate}',
+        )
+        for verdict in result.verdicts
+    ] or [('evaluated', None)]
     failures = sum(failure is not None for _, failure in cases)
     counts = {'tests': str(len(cases)), 'failures': str(failures), 'errors': '0', 'skipped': '0'}
     root = ElementTree.Element('testsuites', name='vio_eval_ros', **counts)
@@ -31,8 +37,9 @@ def junit_report(result: Result) -> str:
     suite = ElementTree.SubElement(root, 'testsuite', name=name, **counts)
     properties = ElementTree.SubElement(suite, 'properties')
     for metric, value in result.summary.metrics.items():
-        ElementTree.SubElement(properties, 'property', name=metric,
-                               value='null' if math.isnan(value) else repr(value))
+        ElementTree.SubElement(
+            properties, 'property', name=metric, value='null' if math.isnan(value) else repr(value)
+        )
     for gate, failure in cases:
         case = ElementTree.SubElement(suite, 'testcase', name=gate, classname=name)
         if failure is not None:
@@ -46,20 +53,25 @@ def markdown_report(result: Result) -> str:
     found, alignment = result.summary.association, result.summary.alignment
     verdict = {True: '✅ pass', False: '❌ fail', None: 'no gates'}[result.passed]
     lines = [
-        f'### {_escaped(result.estimate.source)}: {verdict}', '',
+        f'### {_escaped(result.estimate.source)}: {verdict}',
+        '',
         f'Against {_escaped(result.ground_truth.source)}: {found["pairs"]} pairs, '
-        f'coverage {number(found["coverage_ratio"])}, '
-        f'{number(found["matched_ratio"])} of the estimates matched, '
-        f'alignment {alignment.mode} (scale {number(alignment.scale)}).', '',
+        f'coverage {percent(found["coverage_ratio"])}, '
+        f'{percent(found["matched_ratio"])} of the estimates matched, '
+        f'alignment {alignment.mode} (scale {number(alignment.scale)}).',
+        '',
     ]
     if result.verdicts:
         lines += ['| gate | value | verdict |', '|---|---:|---|']
-        lines += [f'| `{gate}` | {number(value)} | {"pass" if passed else "**fail**"} |'
-                  for gate, value, passed in result.verdicts] + ['']
-    lines += ['| error | ' + ' | '.join(STATISTICS) + ' |',
-              '|---|' + '---:|' * len(STATISTICS)]
-    lines += [f'| {label} | ' + ' | '.join(map(number, values)) + ' |'
-              for label, values in rows(result.summary.metrics)]
+        lines += [
+            f'| `{gate}` | {number(value)} | {"pass" if passed else "**fail**"} |'
+            for gate, value, passed in result.verdicts
+        ] + ['']
+    lines += ['| error | ' + ' | '.join(STATISTICS) + ' |', '|---|' + '---:|' * len(STATISTICS)]
+    lines += [
+        f'| {label} | ' + ' | '.join(map(number, values)) + ' |'
+        for label, values in rows(result.summary.metrics)
+    ]
     lines += [''] + [f'- ⚠ {_escaped(warning)}' for warning in result.summary.warnings]
     return '\n'.join(lines).rstrip() + '\n'
 

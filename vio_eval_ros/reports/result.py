@@ -72,8 +72,10 @@ class Result:
         result = {
             'schema': SCHEMA,
             'tool': {'name': 'vio_eval_ros', 'version': __version__},
-            'inputs': {'estimate': self.estimate.to_dict(),
-                       'ground_truth': self.ground_truth.to_dict()},
+            'inputs': {
+                'estimate': self.estimate.to_dict(),
+                'ground_truth': self.ground_truth.to_dict(),
+            },
             'config': self.config.to_dict(),
             'association': self.summary.association,
             'alignment': {
@@ -85,9 +87,16 @@ class Result:
             },
             'metrics': self.summary.metrics,
             'warnings': self.summary.warnings,
-            'gates': [{'metric': gate.metric, 'comparison': gate.comparison, 'limit': gate.limit,
-                       'value': value, 'passed': passed}
-                      for gate, value, passed in self.verdicts],
+            'gates': [
+                {
+                    'metric': gate.metric,
+                    'comparison': gate.comparison,
+                    'limit': gate.limit,
+                    'value': value,
+                    'passed': passed,
+                }
+                for gate, value, passed in self.verdicts
+            ],
             'verdict': {True: 'pass', False: 'fail', None: None}[self.passed],
         }
         return {name: _without_nan(value) for name, value in result.items()}

@@ -16,14 +16,21 @@ def csv_report(result: Result) -> str:
     """Return the stamps and errors of each pair; unknown rotation errors are empty."""
     pairs, alignment = result.summary.pairs, result.summary.alignment
     difference = alignment.positions(pairs.estimate) - pairs.ground_truth.positions
-    errors = np.column_stack([position_errors(pairs, alignment),
-                              rotation_errors(pairs, alignment), difference])
+    errors = np.column_stack(
+        [position_errors(pairs, alignment), rotation_errors(pairs, alignment), difference]
+    )
     table = formatted(errors, '%.9g,%.9g,%.9g,%.9g,%.9g').replace('nan', '').splitlines()
-    stamps = zip(pairs.estimate.stamps_ns.tolist(), pairs.ground_truth.stamps_ns.tolist(), table,
-                 strict=True)
-    return ('estimate_stamp_ns,ground_truth_stamp_ns,ate_trans_m,ate_rot_deg,'
-            'error_x_m,error_y_m,error_z_m\n'
-            + ''.join(f'{estimate},{truth},{row}\n' for estimate, truth, row in stamps))
+    stamps = zip(
+        pairs.estimate.stamps_ns.tolist(),
+        pairs.ground_truth.stamps_ns.tolist(),
+        table,
+        strict=True,
+    )
+    return (
+        'estimate_stamp_ns,ground_truth_stamp_ns,ate_trans_m,ate_rot_deg,'
+        'error_x_m,error_y_m,error_z_m\n'
+        + ''.join(f'{estimate},{truth},{row}\n' for estimate, truth, row in stamps)
+    )
 
 
 def tum_report(result: Result) -> str:
@@ -46,7 +53,8 @@ def tum(trajectory: Trajectory) -> str:
     table[:, 0], table[:, 1] = seconds, rest
     table[:, 2:5], table[:, 5:] = trajectory.positions, trajectory.rotations
     return '# timestamp tx ty tz qx qy qz qw\n' + formatted(
-        table, '%d.%09d %.9f %.9f %.9f %.9f %.9f %.9f %.9f')
+        table, '%d.%09d %.9f %.9f %.9f %.9f %.9f %.9f %.9f'
+    )
 
 
 def formatted(table: np.ndarray, row: str) -> str:

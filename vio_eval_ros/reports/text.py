@@ -35,16 +35,25 @@ def text_report(result: Result) -> str:
         '',
         ' ' * 27 + ''.join(f'{name:>10}' for name in STATISTICS),
     ]
-    lines += [f'{label:<27}' + ''.join(f'{number(value):>10}' for value in values)
-              for label, values in rows(metrics)]
-    usual = ', '.join(f'{mode} {number(metrics[f"ate_{mode}_trans_rmse_m"])}'
-                      for mode in ('none', 'posyaw', 'se3', 'sim3'))
-    lines += ['', f'ATE [m] by alignment: {usual} (scale {number(metrics["sim3_scale"])})',
-              *_drift(metrics)]
+    lines += [
+        f'{label:<27}' + ''.join(f'{number(value):>10}' for value in values)
+        for label, values in rows(metrics)
+    ]
+    usual = ', '.join(
+        f'{mode} {number(metrics[f"ate_{mode}_trans_rmse_m"])}'
+        for mode in ('none', 'posyaw', 'se3', 'sim3')
+    )
+    lines += [
+        '',
+        f'ATE [m] by alignment: {usual} (scale {number(metrics["sim3_scale"])})',
+        *_drift(metrics),
+    ]
     lines += [f'warning: {warning}' for warning in summary.warnings]
     if result.verdicts:
-        lines += [''] + [f'{"pass" if passed else "FAIL"}  {gate}  (is {number(value)})'
-                         for gate, value, passed in result.verdicts]
+        lines += [''] + [
+            f'{"pass" if passed else "FAIL"}  {gate}  (is {number(value)})'
+            for gate, value, passed in result.verdicts
+        ]
     return '\n'.join(printable(line) for line in lines) + '\n'
 
 
@@ -55,17 +64,20 @@ def rows(metrics: Mapping[str, float]) -> Iterator[tuple[str, list[float]]]:
     Displacement and distance stand in for the pose errors where orientations are unknown.
     """
     for name in metrics:
-        match = re.fullmatch(r'(ate|rpe)_(?:([\d.e+-]+[a-z])_)?(trans|rot|disp|dist)_rmse_(m|deg)',
-                             name)
+        match = re.fullmatch(
+            r'(ate|rpe)_(?:([\d.e+-]+[a-z])_)?(trans|rot|disp|dist)_rmse_(m|deg)', name
+        )
         if not match:
             continue
         metric, delta, quantity, unit = match.groups()
         prefix = name.removesuffix(f'_rmse_{unit}')
-        poses = not math.isnan(metrics[f'{prefix[:-len(quantity)]}trans_rmse_m'])
+        poses = not math.isnan(metrics[f'{prefix[: -len(quantity)]}trans_rmse_m'])
         if metric == 'rpe' and poses == (quantity in ('disp', 'dist')):
             continue
-        yield (LABELS[metric, quantity].format(delta),
-               [metrics[f'{prefix}_{statistic}_{unit}'] for statistic in STATISTICS])
+        yield (
+            LABELS[metric, quantity].format(delta),
+            [metrics[f'{prefix}_{statistic}_{unit}'] for statistic in STATISTICS],
+        )
 
 
 def _drift(metrics: Mapping[str, float]) -> Iterator[str]:
@@ -73,11 +85,15 @@ def _drift(metrics: Mapping[str, float]) -> Iterator[str]:
         if name.endswith('_trans_percent') and not math.isnan(value):
             prefix = name.removesuffix('_trans_percent')
             turn = number(metrics[f'{prefix}_rot_deg_per_m'])
-            yield (f'drift over {prefix.replace("_", " ")}: {number(value)} %, {turn} deg/m '
-                   f'({metrics[f"{prefix}_segments"]} segments)')
+            yield (
+                f'drift over {prefix.replace("_", " ")}: {number(value)} %, {turn} deg/m '
+                f'({metrics[f"{prefix}_segments"]} segments)'
+            )
     if not math.isnan(metrics['nees_position_mean']):
-        yield (f'NEES: position {number(metrics["nees_position_mean"])}, orientation '
-               f'{number(metrics["nees_orientation_mean"])} (3 is consistent)')
+        yield (
+            f'NEES: position {number(metrics["nees_position_mean"])}, orientation '
+            f'{number(metrics["nees_orientation_mean"])} (3 is consistent)'
+        )
 
 
 def number(value: float) -> str:
@@ -98,5 +114,6 @@ def printable(text: str) -> str:
 def _described(one: Input) -> str:
     facts = one.to_dict()
     rate = '' if facts['rate_hz'] is None else f', {facts["rate_hz"]:.4g} Hz'
-    return (f'{one.source}: {facts["poses"]:,} poses{rate}'
-            + (', positions only' if facts['position_only'] else ''))
+    return f'{one.source}: {facts["poses"]:,} poses{rate}' + (
+        ', positions only' if facts['position_only'] else ''
+    )

@@ -1,0 +1,71 @@
+# Neither `make demo` nor `make test` needs ROS: what they install goes into .venv. Where a ROS 2
+# installation is sourced, its Python packages stay visible there.
+
+PYTHON ?= python3
+VENV := .venv
+IN_VENV := $(VENV)/bin/python
+PIP_INSTALL := $(IN_VENV) -m pip install -qq --disable-pip-version-check
+RUNTIME := $(VENV)/runtime-installed
+TESTING := $(VENV)/test-installed
+RECORDING := demo/simulated_flight
+REPORT := demo/report
+
+ifneq ($(and $(ROS_DISTRO),$(AMENT_PREFIX_PATH)),)
+VENV_OPTIONS := --system-site-packages
+endif
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test lint format bench demo-recording clean
+
+help:  ## list these targets
+	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 18
+
+demo: $(RUNTIME)  ## score a bundled recording and write a report
+	@echo 'Scoring $(RECORDING): a simulated flight and what a VIO made of it'
+	@mkdir -p $(REPORT)
+	@$(IN_VENV) -m vio_eval_ros replay $(RECORDING) \
+		--report json:$(REPORT)/result.json --report markdown:$(REPORT)/result.md
+	@echo 'The report is in $(REPORT)/result.md, all numbers in $(REPORT)/result.json'
+
+test: lint  ## check everything: linter, types and all tests
+	@echo 'Running the tests'
+	@$(IN_VENV) -m pytest -q -n 2
+
+lint: $(TESTING)  ## check style and types only
+	@echo 'Checking style (ruff) and types (mypy)'
+	@$(IN_VENV) -m ruff check --quiet
+	@$(IN_VENV) -m mypy --no-error-summary
+
+format: $(TESTING)  ## lay out the code as the linter wants it
+	@$(IN_VENV) -m ruff check --fix --quiet
+	@$(IN_VENV) -m ruff format
+
+bench: $(TESTING)  ## compare speed and memory with evo, side by side
+	@$(IN_VENV) benchmarks/compare.py
+
+demo-recording: $(RUNTIME)  ## simulate the bundled recording again
+	@rm -rf $(RECORDING)
+	@$(IN_VENV) -c "from pathlib import Path; from vio_eval_ros.simulation import *; \
+		write_recording(simulate(), Path('$(RECORDING)'))"
+	@echo 'Wrote $(RECORDING)'
+
+clean:  ## remove all that the other targets made
+	@rm -rf $(VENV) $(REPORT) build install log .mypy_cache .pytest_cache .ruff_cache .hypothesis
+	@rm -rf *.egg-info
+
+$(IN_VENV):
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { echo \
+		'Python 3.10 or newer is needed; choose one with: make PYTHON=python3.12 ...' >&2; exit 1; }
+	@echo 'Creating a virtual environment in $(VENV)'
+	@$(PYTHON) -m venv $(VENV_OPTIONS) $(VENV) || { rm -rf $(VENV); exit 1; }
+
+# Installing the test dependencies installs those of the runtime as well.
+$(RUNTIME): setup.py | $(IN_VENV)
+	@echo 'Installing the package and what it needs into $(VENV)'
+	@$(PIP_INSTALL) --editable .
+	@touch $@
+
+$(TESTING): setup.py | $(IN_VENV)
+	@echo 'Installing the package and what its tests need into $(VENV)'
+	@$(PIP_INSTALL) --editable '.[test]'
+	@touch $@ $(RUNTIME)

@@ -1,0 +1,53 @@
+"""Installs the package with colcon (`ament_python`) and with plain pip alike."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+from vio_eval_ros.__main__ import VERBS
+
+NAME = 'vio_eval_ros'
+
+setup(
+    name=NAME,
+    # a literal, since that is what catkin_prepare_release can raise
+    version='0.1.0',
+    description='Accuracy of visual-inertial odometry and SLAM, while it runs and afterwards',
+    license='Apache-2.0',
+    maintainer='vio_eval_ros maintainers',
+    maintainer_email='maintainers@vio-eval-ros.example.org',
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (f'share/{NAME}', ['package.xml']),
+        (f'share/{NAME}/config', sorted(glob('config/*.yaml'))),
+        (f'share/{NAME}/launch', sorted(glob('launch/*.launch.py'))),
+    ],
+    entry_points={
+        'console_scripts': [f'{verb} = {module}:main' for verb, (module, _) in VERBS.items()],
+    },
+    zip_safe=True,
+    python_requires='>=3.10',
+    install_requires=[
+        'mcap>=1.2',
+        'numpy>=1.26',
+        'PyYAML',
+        # the first that opens a bare .db3 or .mcap, without a metadata.yaml beside it
+        'rosbags>=0.11',
+        'tqdm',
+    ],
+    extras_require={
+        'test': [
+            'colcon-common-extensions',
+            # the oracle; its newest releases need Python 3.11
+            'evo==1.38.1; python_version >= "3.11"',
+            'hypothesis',
+            'mypy',
+            'pytest',
+            'pytest-xdist',
+            'ruff',
+            'types-PyYAML',
+            'types-tqdm',
+        ],
+    },
+)
