@@ -63,17 +63,22 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         help='YAML file with any of the options below; flags override it',
     )
     for option in fields(EvaluationConfig):
-        listed = str(option.type).startswith('tuple')
         default = getattr(EvaluationConfig(), option.name)
-        shown = ' '.join(map(str, default)) if listed else default
+        listed = isinstance(default, tuple)
+        words = default if listed else (default,)
+        shown = ' '.join(f'{w:g}' if isinstance(w, float) else w for w in words)
         choices = option.metadata['choices']
+        unit = option.name.rsplit('_')[-1].upper()
+        shape: dict[str, Any] = {'metavar': '|'.join(choices) or unit}
+        if option.name.endswith('_to_body'):
+            shape = {'nargs': 7, 'metavar': ('X', 'Y', 'Z', 'QX', 'QY', 'QZ', 'QW')}
+        elif listed:
+            shape['nargs'] = '*'
         group.add_argument(
             '--' + option.name.replace('_', '-'),
             dest=option.name,
-            default=None,
-            metavar='|'.join(choices) or option.name.rsplit('_')[-1].upper(),
             help=f'{option.metadata["description"]} (default: {shown or "none"})',
-            **({'nargs': 7 if option.name.endswith('to_body') else '*'} if listed else {}),
+            **shape,
         )
 
 

@@ -34,9 +34,9 @@ class Delta(NamedTuple):
     def parse(cls, text: str) -> Delta:
         """Return the delta that ``10f``, ``1s``, ``0.5m`` or ``15d`` means."""
         match = re.fullmatch(r'(\d+(?:\.\d*)?|\.\d+)([a-z])', text)
-        if not match or match[2] not in DELTA_UNITS or float(match[1]) <= 0:
+        if not match or match[2] not in DELTA_UNITS or not 1e-9 <= float(match[1]) <= 1e9:
             raise ConfigError(
-                f"'{text}' is no delta; write a positive number and f (frames), s (seconds), "
+                f"'{text}' is no delta; write a number above 0 and f (frames), s (seconds), "
                 'm (metres) or d (degrees), such as 1f, 0.5s or 10m'
             )
         delta = cls(float(match[1]), match[2])

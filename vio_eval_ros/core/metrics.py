@@ -211,9 +211,11 @@ def candidates(along: np.ndarray, delta: Delta, mode: str, origin: float = 0.0) 
     if not len(along) or math.isnan(along[-1]):
         nothing = np.empty(0, np.int64)
         return Candidates(nothing, nothing, nothing, nothing.astype(bool))
+    adjacent: np.ndarray | bool = True
+    target: np.ndarray
     if mode == 'all':
         begin, target = np.arange(len(along)), along + step
-        end, adjacent = _first_nearest(target, along), True
+        end = _first_nearest(target, along)
     else:
         marks = np.unique(np.rint((along - origin) / step).astype(np.int64))
         places = marks * step + origin

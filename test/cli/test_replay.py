@@ -1,0 +1,381 @@
+"""`replay` as its users run it: a process with arguments, output and an exit status."""
+
+import csv
+import json
+import math
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.reports.tables import tum
+from vio_eval_ros.simulation import simulate, write_recording
+
+ROOT = Path(__file__).resolve().parents[2]
+DEMO = ROOT / 'demo' / 'simulated_flight'
+V1_02 = 'derived_bags/euroc_V1_02_vins_fusion'
+
+
+def replay(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess:
+    environment = os.environ | {'PYTHONPATH': str(ROOT), 'PYTHONWARNINGS': 'error'}
+    return subprocess.run(
+        [sys.executable, '-m', 'vio_eval_ros', 'replay', *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        env=environment,
+        cwd=cwd,
+        check=False,
+        timeout=120,
+    )
+
+
+def result(*arguments: object) -> dict:
+    done = replay(*arguments, '--json')
+    assert done.returncode == 0, done.stderr
+    assert done.stderr == ''
+    return json.loads(done.stdout)
+
+
+def complaint(*arguments: object, **options: Path) -> str:
+    """Return the one line on stderr of a call that could not be done."""
+    done = replay(*arguments, **options)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert done.stdout == ''
+    assert done.stderr.startswith('replay: ')
+    assert done.stderr.count('\n') == 1, done.stderr
+    assert 'Traceback' not in done.stderr
+    assert 'this is a bug' not in done.stderr
+    return done.stderr
+
+
+@pytest.fixture(scope='module')
+def flight(tmp_path_factory) -> Path:
+    """Return a folder with est.txt and gt.txt of a short simulated flight."""
+    folder, run = tmp_path_factory.mktemp('flight'), simulate(duration_s=20.0)
+    (folder / 'est.txt').write_text(tum(run.estimate))
+    (folder / 'gt.txt').write_text(tum(run.ground_truth))
+    return folder
+
+
+def pair(folder: Path) -> list[str]:
+    return ['--estimate', f'{folder}/est.txt', '--ground-truth', f'{folder}/gt.txt']
+
+
+def test_a_recording_alone_is_scored():
+    done = replay(DEMO)
+    assert done.returncode == 0, done.stderr
+    assert 'ATE position [m]' in done.stdout
+    assert 'coverage      99.9 %' in done.stdout
+
+
+def test_three_recordings_of_one_run_give_the_same_bits(shared_data):
+    results = [result(shared_data / (V1_02 + kind)) for kind in ('.bag', '_sqlite3', '_mcap')]
+    for one in results[1:]:
+        for part in ('metrics', 'association', 'alignment', 'warnings'):
+            assert one[part] == results[0][part]
+    # evo's figure for all three
+    assert results[0]['metrics']['ate_trans_rmse_m'] == pytest.approx(0.093776, abs=1e-6)
+
+
+def test_the_same_run_from_files_gives_the_numbers_of_its_recording(tmp_path, shared_data):
+    source = shared_data / 'gt_euroc/open_vins_tum/V1_02_medium.txt'
+    rows = [line for line in source.read_text().splitlines() if not line.startswith('#')]
+    (tmp_path / 'gt.txt').write_text('\n'.join(rows[::10]))
+    estimate = f'{shared_data}/est_plsl_slam/euroc/V1-02/vins-fusion.csv?quaternion=wxyz&stamps=ns'
+    files = result('--estimate', estimate, '--ground-truth', tmp_path / 'gt.txt')
+    recording = result(shared_data / f'{V1_02}_mcap')
+    assert files['association']['pairs'] == recording['association']['pairs'] == 835
+    for name, value in recording['metrics'].items():
+        # the recording's stamps went through float64 seconds, 238 ns apart, when it was made
+        if value is None:
+            assert files['metrics'][name] is None, name
+        else:
+            assert files['metrics'][name] == pytest.approx(value, rel=1e-5, abs=1e-12), name
+
+
+@pytest.mark.parametrize(
+    'recording', ['bags/evo/tf_example', 'bags/evo/tf_example.bag', 'bags/evo/nav2_turtlebot.mcap']
+)
+def test_a_transform_of_a_tree_is_scored_against_another(recording, shared_data):
+    # base_link is fixed to base_footprint: up to that, both move alike
+    found = result(
+        shared_data / recording,
+        '--estimate',
+        '/tf:odom.base_link',
+        '--ground-truth',
+        '/tf:odom.base_footprint',
+    )
+    assert found['association']['pairs'] > 100
+    assert found['metrics']['ate_trans_rmse_m'] < 0.02
+    assert found['metrics']['rpe_1s_rot_rmse_deg'] < 1e-6
+
+
+def test_nav2_odometry_is_its_transform_and_drifts_against_the_map(shared_data):
+    recording = shared_data / 'bags/evo/nav2_turtlebot.mcap'
+    odometry = result(
+        recording, '--estimate', '/odom', '--ground-truth', '/tf:odom.base_footprint'
+    )
+    assert odometry['metrics']['ate_none_trans_rmse_m'] < 1e-9
+    drift = result(recording, '--estimate', '/odom', '--ground-truth', '/tf:map.base_footprint')
+    assert 0.3 < drift['metrics']['ate_trans_rmse_m'] < 0.7
+    assert 'left out 28 of 2639 poses' in drift['warnings'][0]
+
+
+def test_gates_decide_the_exit_status(flight):
+    assert replay(*pair(flight), '--gate', 'ate_trans_rmse_m<=1').returncode == 0
+    failed = replay(*pair(flight), '--gate', 'ate_trans_rmse_m<=1e-6')
+    assert failed.returncode == 1
+    assert 'FAIL  ate_trans_rmse_m<=1e-06' in failed.stdout
+    # 20 s of flight are too short for KITTI's segments: null never passes
+    assert replay(*pair(flight), '--gate', 'kitti_trans_percent<=100').returncode == 1
+
+
+def test_gates_come_from_a_file_too(flight, tmp_path):
+    gates = tmp_path / 'gates.yaml'
+    gates.write_text('{ate_trans_rmse_m: {max: 1}, coverage_ratio: {min: 0.9}}')
+    done = replay(*pair(flight), '--gates', gates, '--json')
+    assert done.returncode == 0
+    assert [g['passed'] for g in json.loads(done.stdout)['gates']] == [True, True]
+    gates.write_text('coverage_ratio: {min: 1.1}')
+    assert replay(*pair(flight), '--gates', gates).returncode == 1
+
+
+def test_flags_override_the_config_file(flight, tmp_path):
+    config = tmp_path / 'options.yaml'
+    config.write_text('{alignment: sim3, rpe_deltas: [2f], max_difference_s: 0.01}')
+    found = result(*pair(flight), '--config', config, '--alignment', 'none')['config']
+    assert found['alignment'] == 'none'
+    assert found['rpe_deltas'] == ['2f']
+    assert found['max_difference_s'] == 0.01
+
+
+def test_the_default_config_file_is_every_option_at_its_default(flight):
+    done = result(*pair(flight), '--config', ROOT / 'config' / 'evaluator.yaml')
+    assert done['config'] == EvaluationConfig().to_dict()
+    text = (ROOT / 'config' / 'evaluator.yaml').read_text()
+    for name in EvaluationConfig().to_dict():
+        assert f'    {name}: ' in text
+
+
+def test_lists_are_space_separated(flight):
+    found = result(*pair(flight), '--rpe-deltas', '1f', '10f', '5d', '--segment-lengths-m', 5, 10)
+    assert found['config']['rpe_deltas'] == ['1f', '10f', '5d']
+    assert found['metrics']['rpe_10f_trans_rmse_m'] > found['metrics']['rpe_1f_trans_rmse_m']
+    assert found['metrics']['segment_5m_trans_percent'] > 0
+    assert found['metrics']['rpe_5d_pairs'] > 100
+
+
+def test_every_report_is_written(flight, tmp_path):
+    kinds = ('json', 'junit', 'markdown', 'csv', 'tum')
+    reports = [word for kind in kinds for word in ('--report', f'{kind}:{tmp_path}/out.{kind}')]
+    assert replay(*pair(flight), *reports).returncode == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == sorted(f'out.{k}' for k in kinds)
+    written = json.loads((tmp_path / 'out.json').read_text())
+    assert written == result(*pair(flight))
+    assert len(written['inputs']['estimate']['sha256']) == 64
+
+
+def test_a_report_that_cannot_be_written_does_not_lose_the_result(flight, tmp_path):
+    (tmp_path / 'taken').mkdir()
+    done = replay(
+        *pair(flight),
+        '--report',
+        f'json:{tmp_path}/taken',
+        '--report',
+        f'csv:{tmp_path}/errors.csv',
+    )
+    assert done.returncode == 2
+    assert 'ATE position' in done.stdout
+    assert 'taken: cannot write' in done.stderr
+    assert (tmp_path / 'errors.csv').exists()
+
+
+@pytest.mark.parametrize('options', [(), ('--rpe-pairs', 'sequential', '--alignment', 'sim3')])
+def test_the_series_ends_with_the_final_result(flight, tmp_path, options):
+    path = tmp_path / 'series.csv'
+    final = replay(*pair(flight), *options, '--series', f'csv:{path}', '--json')
+    assert final.returncode == 0, final.stderr
+    rows = list(csv.DictReader(path.read_text().splitlines()))
+    assert len(rows) == 21
+    stamps = [int(row['stamp_ns']) for row in rows]
+    assert stamps == sorted(set(stamps))
+    assert {stamp % 10**9 for stamp in stamps[:-1]} == {0}
+    metrics = json.loads(final.stdout)['metrics']
+    names = set(rows[0]) - {'stamp_ns', 'pairs'}
+    assert {'ate_trans_rmse_m', 'ate_rot_rmse_deg', 'rpe_1s_trans_rmse_m'} <= names
+    for name in names:
+        assert float(rows[-1][name]) == pytest.approx(metrics[name], rel=1e-9), name
+    counts = [int(row['pairs']) for row in rows]
+    assert counts == sorted(counts)
+    assert counts[-1] == 400
+
+
+def test_a_row_of_the_series_is_the_result_of_the_run_up_to_there(flight, tmp_path):
+    path = tmp_path / 'series.csv'
+    assert replay(*pair(flight), '--series', f'csv:{path}').returncode == 0
+    row = list(csv.DictReader(path.read_text().splitlines()))[10]
+    first = int((flight / 'gt.txt').read_text().splitlines()[1].split('.')[0])
+    assert int(row['stamp_ns']) == (first + 11) * 10**9
+    early = tmp_path / 'early'
+    early.mkdir()
+    for name in ('est.txt', 'gt.txt'):
+        lines = (flight / name).read_text().splitlines()
+        kept = [line for line in lines if line[0] == '#' or float(line.split()[0]) <= first + 11]
+        (early / name).write_text('\n'.join(kept))
+    # what only the end decides is not decided yet: the last estimate waits for truth behind it
+    metrics = result(*pair(early))['metrics']
+    assert float(row['ate_trans_rmse_m']) == pytest.approx(metrics['ate_trans_rmse_m'], rel=1e-2)
+    assert float(row['rpe_1s_trans_rmse_m']) == pytest.approx(
+        metrics['rpe_1s_trans_rmse_m'], rel=1e-2
+    )
+
+
+def test_a_pipe_that_closes_is_no_error(flight):
+    command = (
+        f'{sys.executable} -m vio_eval_ros replay {" ".join(pair(flight))} --json | head -c 1'
+    )
+    done = subprocess.run(
+        ['bash', '-c', command],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {'PYTHONPATH': str(ROOT)},
+        timeout=120,
+    )
+    assert done.stdout == '{'
+    assert done.stderr == ''
+
+
+def test_nothing_but_json_and_no_progress_bar_in_a_pipe(flight):
+    done = replay(*pair(flight), '--json')
+    assert done.stderr == ''
+    assert json.loads(done.stdout)['schema'] == 'vio_eval_ros.result/1'
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'problem'),
+    [
+        ((), 'give a RECORDING, or both --estimate and --ground-truth'),
+        (('nowhere.bag',), 'there is no such file'),
+        (('--alignment', 'se'), "did you mean 'se3'?"),
+        (('--rpe-deltas', '1q'), "'1q' is no delta"),
+        (('--rpe-deltas', '1.5f'), 'whole numbers'),
+        (('--max-difference-s', '-1'), 'max_difference_s: -1 is below 0'),
+        (('--max-gap-s', 'nan'), 'max_gap_s'),
+        (('--time-offset-s', '1e30'), 'more than a clock can be off'),
+        (('--start-s', '5', '--end-s', '4'), 'not before end_s'),
+        (('--gate', 'ate_trans_rms_m<=1'), "did you mean 'ate_trans_rmse_m'?"),
+        (('--gate', 'ate_trans_rmse_m=1'), 'METRIC<=LIMIT'),
+        (('--gate', 'ate_trans_rmse_m<=nan'), 'no finite number'),
+        (('--report', 'pdf:x'), 'json, junit, markdown, csv, tum'),
+        (('--report', 'json:/nowhere/x'), 'there is no folder /nowhere'),
+        (('--series', 'json:x'), 'csv'),
+        (('--config', 'nowhere.yaml'), 'nowhere.yaml: No such file'),
+        (('--estimate-to-body', '1', '2', '3'), 'expected 7 arguments'),
+        (('--estimate-to-body', *'0000000'), 'unit quaternion'),
+        (('--nonsense',), 'unrecognized arguments: --nonsense'),
+    ],
+)
+def test_wrong_arguments_are_one_line_and_status_2(arguments, problem):
+    assert problem in complaint(*arguments)
+
+
+@pytest.mark.parametrize(
+    ('options', 'problem'),
+    [
+        ('allignment: se3', "unknown option 'allignment'; did you mean 'alignment'?"),
+        ('alignment: [se3]', 'is not a word'),
+        ('max_gap_s: soon', 'is not a finite number'),
+        ('max_gap_s: true', 'is not a finite number'),
+        ('rpe_deltas: {a: b}', 'is not a list'),
+        ('- a\n- b', 'a mapping'),
+        ('a: [', 'not valid YAML'),
+        ('!!python/object/apply:os.system [echo hacked]', 'not valid YAML'),
+        ('\x00', 'not valid YAML'),
+    ],
+)
+def test_a_wrong_config_file_is_one_line_and_status_2(tmp_path, flight, options, problem):
+    config = tmp_path / 'options.yaml'
+    config.write_text(options)
+    assert problem in complaint(*pair(flight), '--config', config)
+
+
+LINE = '\n'.join(f'{k} {k} 0 0 0 0 0 1' for k in range(1, 9))
+
+
+@pytest.mark.parametrize(
+    ('estimate', 'problem'),
+    [
+        ('', 'the file is empty'),
+        ('1 2 3\n', '3 columns; a trajectory has 8'),
+        ('1 0 0 0 0 0 0 1\nx 0 0 0 0 0 0 1\n', "line 2: 'x' is not a number"),
+        (
+            '101 0 0 0 0 0 0 1\n',
+            'estimate spans 101.0 to 101.0 s, ground truth 1.0 to 8.0 s; are the clocks the same?',
+        ),
+        ('1.4 0 0 0 0 0 0 1\n', 'the closest stamps are 0.4 s apart'),
+        ('1 nan 0 0 0 0 0 1\n', 'no usable pose (dropped: 1 non-finite)'),
+        ('1 0 0 0 0 0 0 0\n', 'no usable pose (dropped: 1 zero-quaternion)'),
+    ],
+)
+def test_files_that_cannot_be_scored_are_one_line_and_status_2(tmp_path, estimate, problem):
+    (tmp_path / 'est.txt').write_text(estimate)
+    (tmp_path / 'gt.txt').write_text(LINE)
+    assert problem in complaint(*pair(tmp_path))
+
+
+@pytest.mark.parametrize(
+    ('estimate', 'warning'),
+    [
+        ('1 5 0 0 0 0 0 1\n', 'only 1 pair'),
+        ('1 5 0 0 0 0 0 1\n2 6 0 0 0 0 0 1\n', 'only 2 pairs'),
+        (LINE, 'moves along a line'),
+        ('1 1e300 0 0 0 0 0 1\n' + LINE.partition('\n')[2], 'dropped 1 non-finite'),
+        ('\n'.join(reversed(LINE.splitlines())), '7 stamps went backwards'),
+    ],
+)
+def test_what_can_hardly_be_scored_is_scored_with_a_warning(tmp_path, estimate, warning):
+    (tmp_path / 'est.txt').write_text(estimate)
+    (tmp_path / 'gt.txt').write_text(LINE)
+    found = result(*pair(tmp_path))
+    assert any(warning in text for text in found['warnings'])
+    assert found['metrics']['ate_rot_rmse_deg'] is None
+    assert found['alignment']['observable'] is False
+    assert not math.isnan(found['metrics']['ate_trans_rmse_m'])
+
+
+def test_every_damaged_recording_is_one_line_and_status_2(shared_data):
+    damaged = [
+        path
+        for folder in ('derived_bags/damaged', 'bags/mcap_lfs_pointers')
+        for path in sorted((shared_data / folder).rglob('*'))
+        if path.is_file()
+    ]
+    assert len(damaged) >= 6
+    for path in damaged:
+        assert path.name in complaint(path)
+
+
+def test_topics_that_cannot_be_scored_are_explained(shared_data):
+    recording = shared_data / f'{V1_02}.bag'
+    listed = complaint(recording, '--estimate', '/odom', '--ground-truth', '/ground_truth/pose')
+    assert '/vio/odometry (nav_msgs/msg/Odometry, 845)' in listed
+    turtle = shared_data / 'bags/rosbag_js/example-bz2.bag'
+    refused = complaint(turtle, '--estimate', '/turtle1/pose', '--ground-truth', '/turtle2/pose')
+    assert 'turtlesim/msg/Pose carries no pose' in refused
+
+
+def test_a_large_estimate_of_another_clock_is_told_by_both_spans(flight):
+    told = complaint(*pair(flight), '--time-offset-s', '1000')
+    assert 'estimate spans 14037' in told
+    assert 'are the clocks the same?' in told
+
+
+def test_a_recording_with_spaces_in_its_path_is_scored(tmp_path):
+    folder = tmp_path / 'my runs'
+    folder.mkdir()
+    write_recording(simulate(duration_s=2.0), folder / 'run 1.bag')
+    assert result(folder / 'run 1.bag')['association']['pairs'] == 40
