@@ -23,41 +23,48 @@ IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 @dataclass(frozen=True, eq=False)
 class Moments:
     """
-    Count, mean and centred second moments of N joint samples (e, g) of paired positions.
+    Count, mean and centred second moments of N paired positions.
 
     Moments of two sets merge exactly (Chan, Golub, LeVeque 1979), so a run can be added batch by
     batch or joined from parts. They are centred throughout: raw sums lose all digits at
-    coordinates of the size of UTM's.
+    coordinates of the size of UTM's. And they are moments of (Q e, g - Q e) instead of (e, g),
+    with a reference rotation Q near the alignment: else a small error would have to come out as
+    the difference of large moments.
 
     :param count: N.
-    :param mean: (6,) mean estimate and ground-truth position, metres.
+    :param mean: (6,) mean of the turned estimate and of what it lacks, metres.
     :param scatter: (6, 6) sum of outer products of the deviations, square metres.
+    :param reference: (3, 3) the rotation Q.
     """
 
     count: int
     mean: np.ndarray
     scatter: np.ndarray
+    reference: np.ndarray
 
     @classmethod
     def empty(cls) -> Moments:
         """Return the moments of nothing."""
-        return cls(0, np.zeros(6), np.zeros((6, 6)))
+        return cls(0, np.zeros(6), np.zeros((6, 6)), np.eye(3))
 
     @classmethod
-    def of(cls, estimate: np.ndarray, ground_truth: np.ndarray) -> Moments:
-        """Return the moments of (N, 3) paired positions."""
-        if not len(estimate):
+    def of(cls, pairs: Pairs, reference: np.ndarray | None = None) -> Moments:
+        """Return the moments of pairs, about a (3, 3) reference rotation if there is one."""
+        if not len(pairs):
             return cls.empty()
-        samples = np.concatenate([estimate, ground_truth], axis=1)
+        turn = np.eye(3) if reference is None else reference
+        samples = np.empty((len(pairs), 6))
+        samples[:, :3] = pairs.estimate.positions @ turn.T
+        samples[:, 3:] = pairs.ground_truth.positions - samples[:, :3]
         mean = samples.mean(axis=0)
         samples -= mean
         # the mean of what is left is rounding: taking it out keeps the sums exact
         rest = samples.mean(axis=0)
         samples -= rest
-        return cls(len(samples), mean + rest, samples.T @ samples)
+        return cls(len(samples), mean + rest, samples.T @ samples, turn)
 
     def merge(self, other: Moments) -> Moments:
-        """Return the moments of both sets together."""
+        """Return the moments of both sets together; they must share their reference."""
         if not self.count or not other.count:
             return self if self.count else other
         count = self.count + other.count
@@ -68,7 +75,34 @@ class Moments:
             self.scatter
             + other.scatter
             + np.outer(step, step) * (self.count * other.count / count),
+            self.reference,
         )
+
+    @property
+    def mean_estimate(self) -> np.ndarray:
+        """(3,) metres."""
+        return self.mean[:3] @ self.reference
+
+    @property
+    def mean_truth(self) -> np.ndarray:
+        """(3,) metres."""
+        return self.mean[:3] + self.mean[3:]
+
+    @property
+    def cross(self) -> np.ndarray:
+        """(3, 3) sum of (g - ḡ)(e - ē)ᵀ."""
+        return (self.scatter[:3, :3] + self.scatter[3:, :3]) @ self.reference
+
+    @property
+    def truth_scatter(self) -> np.ndarray:
+        """(3, 3) sum of (g - ḡ)(g - ḡ)ᵀ."""
+        both = np.hstack([np.eye(3), np.eye(3)])
+        return both @ self.scatter @ both.T
+
+    @property
+    def estimate_square(self) -> float:
+        """Sum of |e - ē|²."""
+        return float(np.trace(self.scatter[:3, :3]))
 
 
 @dataclass(frozen=True, eq=False)
@@ -109,12 +143,13 @@ class Alignment:
         """
         Return the mean squared distance [m²] of aligned and true positions.
 
-        In closed form, hence at the same cost for any number of pairs. What remains of the
-        coordinates' spread V after the differences cancel is exact to about 1e-16 V.
+        In closed form, hence at the same cost for any number of pairs.
         """
         if not moments.count:
             return math.nan
-        similarity = np.hstack([self.scale * self.matrix, -np.eye(3)])
+        # s R e + t - g, by what the moments are of
+        turn = self.scale * self.matrix @ moments.reference.T - np.eye(3)
+        similarity = np.hstack([turn, -np.eye(3)])
         bias = similarity @ moments.mean + self.translation
         spread = np.sum((similarity @ moments.scatter) * similarity) / moments.count
         return float(bias @ bias + max(spread, 0.0))
@@ -143,12 +178,11 @@ def solve(mode: str, moments: Moments, first: Pairs) -> Alignment:
         return undetermined(mode)
     if mode == 'origin':
         return _origin(first)
+    mean_e, mean_g, cross = moments.mean_estimate, moments.mean_truth, moments.cross
     if mode == 'scale':
-        raw = moments.scatter + moments.count * np.outer(moments.mean, moments.mean)
-        own = float(np.trace(raw[:3, :3]))
-        scale = float(np.trace(raw[:3, 3:])) / own if own > 0 else math.nan
-        return Alignment(mode, scale, IDENTITY, np.zeros(3), True)
-    cross = moments.scatter[3:, :3]
+        own = moments.estimate_square + moments.count * float(mean_e @ mean_e)
+        both = float(np.trace(cross)) + moments.count * float(mean_e @ mean_g)
+        return Alignment(mode, both / own if own > 0 else math.nan, IDENTITY, np.zeros(3), True)
     scale, observable = 1.0, _turns(mode, moments)
     if mode == 'posyaw':
         yaw = math.atan2(cross[1, 0] - cross[0, 1], cross[0, 0] + cross[1, 1])
@@ -158,10 +192,9 @@ def solve(mode: str, moments: Moments, first: Pairs) -> Alignment:
         signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
         turn = rotation.from_matrix((u * signs) @ vt)
         if mode == 'sim3':
-            own = float(np.trace(moments.scatter[:3, :3]))
+            own = moments.estimate_square
             moves = own > moments.count * MIN_EXTENT_M**2
             scale = float(d @ signs) / own if moves else math.nan
-    mean_e, mean_g = moments.mean[:3], moments.mean[3:]
     return Alignment(mode, scale, turn, mean_g - scale * rotation.rotate(turn, mean_e), observable)
 
 
@@ -182,9 +215,10 @@ def _origin(first: Pairs) -> Alignment:
 
 def _turns(mode: str, moments: Moments) -> bool:
     """Return whether the motion determines the rotation: not a point, and not a line."""
-    spread = np.linalg.eigvalsh(moments.scatter[3:, 3:])[::-1].clip(min=0)
+    scatter = moments.truth_scatter
+    spread = np.linalg.eigvalsh(scatter)[::-1].clip(min=0)
     longest, second = np.sqrt(spread[:2])
     if mode == 'posyaw':
-        level = math.sqrt(np.trace(moments.scatter[3:5, 3:5]))
+        level = math.sqrt(np.trace(scatter[:2, :2]))
         return moments.count >= 2 and level >= max(MIN_EXTENT_M, COLLINEAR * float(longest))
     return bool(moments.count >= 3 and longest >= MIN_EXTENT_M and second >= COLLINEAR * longest)

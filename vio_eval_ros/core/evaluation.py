@@ -58,7 +58,7 @@ class Evaluation:
         self._metrics = [metric(config) for metric in METRICS.values()]
         self._align_first_ns = nanoseconds(config.align_first_s)
         self._moments = Moments.empty()
-        self._fitted = Moments.empty()
+        self._referenced = 0
 
     def add_estimate(self, poses: Poses, zero_stamps: bool = True) -> None:
         """Add a batch of estimated poses; ``zero_stamps`` False drops those stamped 0."""
@@ -77,15 +77,12 @@ class Evaluation:
         Return the running values over the pairs so far.
 
         Each call takes in the pairs since the one before. Equal to those of :meth:`summary` to
-        1e-9 relative, as long as the errors are not below 1e-7 of the extent of the trajectory.
+        1e-9 relative.
         """
         pairs = self._log.all()
-        new = pairs[self._moments.count :]
-        self._moments = self._moments.merge(_moments(new))
-        self._fitted = self._moments
-        if self._align_first_ns:
-            self._fitted = _moments(self._to_align(pairs))
-        run = Run(pairs, self._moments, self._solve(self._fitted, pairs), self.associator, [])
+        moments = self._running_moments(pairs)
+        fitted = Moments.of(self._to_align(pairs)) if self._align_first_ns else moments
+        run = Run(pairs, moments, self._solve(fitted, pairs), self.associator, [])
         values: dict[str, float] = {'pairs': len(pairs)}
         for metric in self._metrics:
             values |= metric.running(run)
@@ -95,8 +92,8 @@ class Evaluation:
         """Return all metrics over the pairs so far."""
         pairs = self._log.all()
         warnings = self._stream_warnings()
-        moments = _moments(pairs)
-        fitted = _moments(self._to_align(pairs)) if self._align_first_ns else moments
+        moments = Moments.of(pairs)
+        fitted = Moments.of(self._to_align(pairs)) if self._align_first_ns else moments
         alignment = self._solve(fitted, pairs)
         if len(pairs) and not alignment.observable:
             warnings.append(self._unobservable(len(pairs)))
@@ -134,6 +131,16 @@ class Evaluation:
             f'no pairs {tolerance}: {spans}; the closest stamps are {closest_ns / 1e9:g} s '
             'apart; is --max-difference-s too small, or --association interpolate meant?'
         )
+
+    def _running_moments(self, pairs: Pairs) -> Moments:
+        """Return the moments of all pairs, about an alignment never older than half of them."""
+        if len(pairs) >= 2 * self._referenced:
+            reference = solve('se3', Moments.of(pairs), pairs[:1]).matrix
+            self._moments, self._referenced = Moments.of(pairs, reference), len(pairs)
+        else:
+            new = Moments.of(pairs[self._moments.count :], self._moments.reference)
+            self._moments = self._moments.merge(new)
+        return self._moments
 
     def _to_align(self, pairs: Pairs) -> Pairs:
         """Return the pairs of the first ``align_first_s`` seconds."""
@@ -225,10 +232,6 @@ def running_series(
         max(int(clock[-1]) for clock in clocks),
         {name: final[name] for name in evaluation.running()},
     )
-
-
-def _moments(pairs: Pairs) -> Moments:
-    return Moments.of(pairs.estimate.positions, pairs.ground_truth.positions)
 
 
 def _only(pairs: int) -> str:

@@ -284,8 +284,9 @@ class RunningRpe:
     """
     The RMSE of relative errors over one delta, kept up to date as pairs arrive.
 
-    The alignment of the moment may still change; it enters the squared errors polynomially, so
-    sums over the motions are kept instead of sums over errors.
+    The alignment of the moment may still change, so second moments over the motions are kept
+    instead of sums over errors: of (Q x, y - Q x) where the error is |s R x - y|, with Q the
+    alignment's rotation at the start, so that small errors are not differences of large sums.
     """
 
     def __init__(self, delta: Delta, mode: str) -> None:
@@ -294,8 +295,13 @@ class RunningRpe:
         self._next = 0
         self._mark = 0.0
         self._count = 0
-        self._sums = np.zeros(8)
-        self._cross = np.zeros((3, 3))
+        self._reference = np.eye(3)
+        self._moments = {
+            'trans': np.zeros((6, 6)),
+            'disp': np.zeros((6, 6)),
+            'dist': np.zeros((2, 2)),
+        }
+        self._angles = 0.0
 
     def update(self, run: Run) -> dict[str, float]:
         """Take in what the pairs since the last call decide; return the four values."""
@@ -305,6 +311,8 @@ class RunningRpe:
         # no pair to come can be nearer to a place that has been reached
         decided = int(np.searchsorted(found.target, along[-1], side='right')) if len(along) else 0
         usable = np.flatnonzero(found.usable[:decided])
+        if not self._count:
+            self._reference = run.alignment.matrix
         self._add(Motion.between(pairs, found.begin[usable], found.end[usable]))
         if self._mode == 'all':
             self._next += decided
@@ -313,46 +321,33 @@ class RunningRpe:
             self._mark = float(found.target[decided - 1] - along[last])
             self._next += int(last)
         return {
-            f'rpe_{self._delta}_{kind}_rmse_{unit}': value
-            for (kind, unit), value in zip(
-                RPE_KINDS.items(), self._rmse(run.alignment), strict=True
-            )
+            f'rpe_{self._delta}_{kind}_rmse_{unit}': self._rmse(kind, run.alignment)
+            for kind, unit in RPE_KINDS.items()
         }
 
     def _add(self, motion: Motion) -> None:
-        pose = motion.turned - motion.truth
-        own, true = lengths(motion.estimate), lengths(motion.truth)
-        distance = own - true
-        self._count += len(own)
-        self._cross += motion.estimate.T @ motion.truth
-        self._sums += [
-            np.sum(pose * pose),
-            np.sum(pose * motion.turned),
-            np.sum(motion.turned**2),
-            distance @ distance,
-            distance @ own,
-            own @ own,
-            true @ true,
-            motion.angles @ motion.angles,
-        ]
+        compared = {
+            'trans': (motion.turned, motion.truth),
+            'disp': (motion.estimate @ self._reference.T, motion.truth),
+            'dist': (lengths(motion.estimate)[:, None], lengths(motion.truth)[:, None]),
+        }
+        for kind, (own, true) in compared.items():
+            samples = np.hstack([own, true - own])
+            self._moments[kind] += samples.T @ samples
+        self._angles += float(motion.angles @ motion.angles)
+        self._count += len(motion.angles)
 
-    def _rmse(self, alignment: Alignment) -> list[float]:
-        """Return the RMSE of the kinds; with d = x - y: |s x - y|² = |d + (s - 1) x|²."""
+    def _rmse(self, kind: str, alignment: Alignment) -> float:
         if not self._count:
-            return [math.nan] * len(RPE_KINDS)
-        scale, more = alignment.scale, alignment.scale - 1
-        pose, pose_own, pose_square, distance, distance_own, own, true, angle = self._sums
-        squares = (
-            pose + 2 * more * pose_own + more**2 * pose_square,
-            angle,
-            scale**2 * own + true - 2 * scale * np.sum(alignment.matrix.T * self._cross),
-            distance + 2 * more * distance_own + more**2 * own,
-        )
-        trans, rot, disp, dist = (
-            math.sqrt(max(square / self._count, 0.0)) if square == square else math.nan
-            for square in squares
-        )
-        return [trans, math.degrees(rot), disp, dist]
+            return math.nan
+        if kind == 'rot':
+            return math.degrees(math.sqrt(self._angles / self._count))
+        moments = self._moments[kind]
+        unit = np.eye(len(moments) // 2)
+        turn = alignment.matrix @ self._reference.T if kind == 'disp' else unit
+        similarity = np.hstack([alignment.scale * turn - unit, -unit])
+        square = float(np.sum((similarity @ moments) * similarity))
+        return math.sqrt(max(square, 0.0) / self._count)
 
 
 class Segments(Metric):

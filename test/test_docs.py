@@ -1,0 +1,77 @@
+"""What the documentation shows is what the program does."""
+
+from dataclasses import fields
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+import pytest
+
+from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.evaluation import metric_names
+from vio_eval_ros.recordings.sources import STATEMENTS
+from vio_eval_ros.reports import REPORTS
+
+ROOT = Path(__file__).resolve().parents[1]
+README = (ROOT / 'README.md').read_text()
+DOCUMENTS = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').glob('*.md'))]
+
+
+def options_table() -> str:
+    """Return the table of options as the README has it."""
+    lines = ['| option | default | meaning |', '|---|---|---|']
+    for option in fields(EvaluationConfig):
+        default = getattr(EvaluationConfig(), option.name)
+        words = default if isinstance(default, tuple) else (default,)
+        shown = ' '.join(f'{word:g}' if isinstance(word, float) else word for word in words)
+        choices = option.metadata['choices']
+        meaning = option.metadata['description'] + (
+            f': {", ".join(f"`{choice}`" for choice in choices)}' if choices else ''
+        )
+        lines.append(f'| `{option.name}` | `{shown}` | {meaning} |'.replace('``', 'none'))
+    return '\n'.join(lines)
+
+
+def test_the_table_of_options_is_that_of_the_code():
+    assert options_table() in README
+
+
+def test_the_output_shown_is_the_output_printed():
+    done = subprocess.run(
+        [sys.executable, '-m', 'vio_eval_ros', 'replay', 'demo/simulated_flight'],
+        capture_output=True,
+        text=True,
+        cwd=ROOT,
+        check=True,
+        timeout=60,
+    )
+    # the last digit may differ between processors
+    shown = re.sub(r'(\d)(?=\s|$|,|\))', '#', done.stdout.strip())
+    blocks = [re.sub(r'(\d)(?=\s|$|,|\))', '#', block.strip()) for block in README.split('```')]
+    assert shown in blocks
+
+
+def test_every_report_and_statement_is_in_the_readme():
+    for name in REPORTS:
+        assert f'`{name}`' in README
+    for name in STATEMENTS:
+        assert f'?{name}=' in README
+
+
+@pytest.mark.parametrize('document', DOCUMENTS, ids=lambda path: path.name)
+def test_links_lead_somewhere(document):
+    targets = re.findall(r'\]\(([^)#]+)', document.read_text())
+    for target in targets:
+        assert target.startswith('https://') or (document.parent / target).exists(), target
+
+
+def test_every_metric_named_in_the_documents_exists():
+    config = EvaluationConfig(rpe_deltas=('1f', '1s', '10m'), segment_lengths_m=(100,))
+    names = set(metric_names(config))
+    for document in DOCUMENTS:
+        for name in re.findall(
+            r'\b(?:ate|rpe|segment|kitti|nees)_\w*(?:_m|_deg|_percent|_mean)\b',
+            document.read_text(),
+        ):
+            assert name in names | set(config.to_dict()), (document.name, name)
