@@ -32,8 +32,8 @@ setup(
         'mcap>=1.2',
         'numpy>=1.26',
         'PyYAML',
-        # the first that opens a bare .db3 or .mcap, without a metadata.yaml beside it
-        'rosbags>=0.11',
+        # the first that lists topics without messages and lets go of a damaged bag
+        'rosbags>=0.11.7',
         'tqdm',
     ],
     extras_require={

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterable
-import hashlib
 import math
 from pathlib import Path
 import sys
@@ -14,6 +13,7 @@ from vio_eval_ros.cli.shell import (
     add_options,
     config_of,
     FAILED,
+    Help,
     load_yaml,
     Parser,
     PASSED,
@@ -70,7 +70,7 @@ def _parser() -> Parser:
         prog='replay',
         description=__doc__,
         epilog=EXAMPLES,
-        formatter_class=argparse.RawDescriptionHelpFormatter,
+        formatter_class=Help,
     )
     parser.add_argument(
         'recording',
@@ -131,7 +131,8 @@ def _replay(arguments: argparse.Namespace) -> int:
     gates = [Gate.parse(text) for text in arguments.gate]
     if arguments.gates is not None:
         gates += Gate.from_mapping(load_yaml(arguments.gates))
-    check_names(gates, metric_names(config))
+    if gates:
+        check_names(gates, metric_names(config))
 
     estimate, truth = _sources(arguments)
     evaluation = Evaluation(config)
@@ -212,6 +213,8 @@ def _series(config: EvaluationConfig, estimate: Source, truth: Source) -> str:
 
 def _sha256(source: Source) -> str:
     """Return the hash of the files of a source, one behind the other."""
+    import hashlib
+
     digest = hashlib.sha256()
     for path in source.paths:
         with path.open('rb') as file:

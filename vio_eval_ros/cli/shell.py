@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import fields
+import os
 from pathlib import Path
 import sys
 from typing import Any, NoReturn
@@ -14,6 +15,17 @@ from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
 
 PASSED, FAILED, UNABLE = 0, 1, 2
 MAX_YAML_BYTES = 1 << 20
+
+
+class Help(argparse.RawDescriptionHelpFormatter):
+    """As wide as the terminal; argparse itself loads much more to find out, at every start."""
+
+    def __init__(self, prog: str) -> None:
+        try:
+            width = os.get_terminal_size().columns - 2
+        except OSError:
+            width = 98
+        super().__init__(prog, width=width)
 
 
 class Parser(argparse.ArgumentParser):

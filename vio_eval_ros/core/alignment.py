@@ -123,16 +123,16 @@ class Alignment:
     translation: np.ndarray
     observable: bool
 
-    def positions(self, estimate: Trajectory) -> np.ndarray:
-        """Return the (N, 3) aligned positions of the estimate."""
-        return (self.scale * estimate.positions) @ self.matrix.T + self.translation
+    def positions(self, estimate: np.ndarray) -> np.ndarray:
+        """Return (N, 3) positions of the estimate in the ground truth's world."""
+        return (self.scale * estimate) @ self.matrix.T + self.translation
 
     def apply(self, estimate: Trajectory) -> Trajectory:
         """Return the estimate in the ground truth's world."""
         rotations = estimate.rotations
         if rotations is not None:
             rotations = rotation.multiply(self.rotation, rotations)
-        return Trajectory(estimate.stamps_ns, self.positions(estimate), rotations)
+        return Trajectory(estimate.stamps_ns, self.positions(estimate.positions), rotations)
 
     @property
     def matrix(self) -> np.ndarray:

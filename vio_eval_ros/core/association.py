@@ -36,6 +36,13 @@ def nearest(stamps: np.ndarray, others: np.ndarray) -> np.ndarray:
     )
 
 
+def _as_slice(index: np.ndarray) -> np.ndarray | slice:
+    """Return increasing indices as a slice where none is left out: rows that need no copy."""
+    if len(index) and index[-1] - index[0] + 1 == len(index):
+        return slice(int(index[0]), int(index[-1]) + 1)
+    return index
+
+
 class Intervals:
     """
     Durations between consecutive stamps, and how much of them was without a longer gap.
@@ -249,7 +256,7 @@ class Associator:
         )
         candidates = partner[chosen]
         mutual = nearest(truth.stamps_ns[candidates], estimate.stamps_ns) == chosen
-        return Pairs.of(estimate[chosen[mutual]], truth[candidates[mutual]])
+        return Pairs.of(estimate[_as_slice(chosen[mutual])], truth[_as_slice(candidates[mutual])])
 
     def _interpolated(self, after_ns: int, until_ns: int) -> Pairs:
         """Return the estimates in the range with ground truth interpolated at their stamps."""

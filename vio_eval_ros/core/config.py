@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-import difflib
 import math
 import re
 from typing import Any, NamedTuple
@@ -161,6 +160,8 @@ class EvaluationConfig:
 
 def nearest_name(name: str, known: Any) -> str:
     """Return '; did you mean ...?' where a known name is close, else nothing."""
+    import difflib
+
     close = difflib.get_close_matches(name, list(known), n=1)
     return f"; did you mean '{close[0]}'?" if close else ''
 

@@ -9,7 +9,7 @@ from pair i to pair j the angle between A_i and A_j.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 import math
 
@@ -26,6 +26,7 @@ ALWAYS_ALIGNED = ('none', 'posyaw', 'se3', 'sim3')
 RPE_KINDS = {'trans': 'm', 'rot': 'deg', 'disp': 'm', 'dist': 'm'}
 DELTA_TOLERANCE = 0.1
 SEGMENT_STEP = 10
+BLOCK_ROWS = 1 << 13
 KITTI_LENGTHS_M = tuple(range(100, 900, 100))
 
 
@@ -73,16 +74,28 @@ def lengths(vectors: np.ndarray) -> np.ndarray:
     return np.sqrt(np.einsum('ij,ij->i', vectors, vectors))
 
 
+def blocks(count: int) -> Iterator[slice]:
+    """Yield slices that cut ``count`` rows into pieces whose temporaries fit into a cache."""
+    return (slice(start, start + BLOCK_ROWS) for start in range(0, count, BLOCK_ROWS))
+
+
 def position_errors(pairs: Pairs, alignment: Alignment) -> np.ndarray:
     """Return the (N,) metres |s R e + t - g|."""
-    return lengths(alignment.positions(pairs.estimate) - pairs.ground_truth.positions)
+    errors = np.empty(len(pairs))
+    for part in blocks(len(pairs)):
+        aligned = alignment.positions(pairs.estimate.positions[part])
+        errors[part] = lengths(aligned - pairs.ground_truth.positions[part])
+    return errors
 
 
 def rotation_errors(pairs: Pairs, alignment: Alignment) -> np.ndarray:
     """Return the (N,) degrees of (R R_e)ᵀ R_g; NaN without orientations or a known R."""
     if pairs.turns is None or not alignment.observable:
         return np.full(len(pairs), math.nan)
-    return np.degrees(rotation.angle_between(pairs.turns, alignment.rotation))
+    errors = np.empty(len(pairs))
+    for part in blocks(len(pairs)):
+        errors[part] = rotation.angle_between(pairs.turns[part], alignment.rotation)
+    return np.degrees(errors)
 
 
 class Ate(Metric):
@@ -147,16 +160,28 @@ class Motion:
         """Return the (M,) metres |E_t| of E = (G_i⁻¹ G_j)⁻¹ (P_i⁻¹ P_j)."""
         return lengths(scale * self.turned - self.truth)
 
-    def errors(self, alignment: Alignment) -> dict[str, np.ndarray]:
-        """Return the four kinds of (M,) relative errors, in metres and degrees."""
+    def errors(self, alignment: Alignment) -> np.ndarray:
+        """Return the (4, M) relative errors in the order of RPE_KINDS, in metres and degrees."""
         scale = alignment.scale
         aligned = (scale * self.estimate) @ alignment.matrix.T
-        return {
-            'trans': self.pose_errors(scale),
-            'rot': np.degrees(self.angles),
-            'disp': lengths(aligned - self.truth),
-            'dist': np.abs(scale * lengths(self.estimate) - lengths(self.truth)),
-        }
+        return np.stack(
+            [
+                self.pose_errors(scale),
+                np.degrees(self.angles),
+                lengths(aligned - self.truth),
+                np.abs(scale * lengths(self.estimate) - lengths(self.truth)),
+            ]
+        )
+
+
+def relative_errors(
+    pairs: Pairs, begin: np.ndarray, end: np.ndarray, alignment: Alignment
+) -> np.ndarray:
+    """Return the (4, M) relative errors between pairs with these (M,) indices, as Motion does."""
+    errors = np.empty((len(RPE_KINDS), len(begin)))
+    for part in blocks(len(begin)):
+        errors[:, part] = Motion.between(pairs, begin[part], end[part]).errors(alignment)
+    return errors
 
 
 def progress_along(pairs: Pairs, unit: str) -> np.ndarray:
@@ -251,9 +276,9 @@ class Rpe(Metric):
         for delta in self._deltas:
             found = candidates(progress_along(run.pairs, delta.unit), delta, self.config.rpe_pairs)
             begin, end = found.begin[found.usable], found.end[found.usable]
-            errors = Motion.between(run.pairs, begin, end).errors(run.alignment)
-            for kind, unit in RPE_KINDS.items():
-                metrics |= named(f'rpe_{delta}_{kind}', unit, errors[kind])
+            errors = relative_errors(run.pairs, begin, end, run.alignment)
+            for (kind, unit), row in zip(RPE_KINDS.items(), errors, strict=True):
+                metrics |= named(f'rpe_{delta}_{kind}', unit, row)
             metrics[f'rpe_{delta}_pairs'] = len(begin)
             self._warn(run, delta, begin, end)
         return metrics
@@ -369,13 +394,13 @@ class Segments(Metric):
         for length in over:
             end = np.searchsorted(path, path[begin] + length, side='right')
             inside = end < len(path)
-            motion = Motion.between(run.pairs, begin[inside], end[inside])
-            translations.append(motion.pose_errors(run.alignment.scale) / length)
-            angles.append(motion.angles / length)
+            errors = relative_errors(run.pairs, begin[inside], end[inside], run.alignment)
+            translations.append(errors[0] / length)
+            angles.append(errors[1] / length)
         drift, turn = np.concatenate(translations), np.concatenate(angles)
         return {
             f'{name}_trans_percent': 100 * _mean(drift),
-            f'{name}_rot_deg_per_m': math.degrees(_mean(turn)),
+            f'{name}_rot_deg_per_m': _mean(turn),
             f'{name}_segments': len(drift),
         }
 

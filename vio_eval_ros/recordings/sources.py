@@ -37,7 +37,7 @@ STATEMENTS = {
     'invert': ('pose', 'rotation'),
     'revision': ('final', 'causal'),
 }
-TRUTH_WORDS = re.compile(r'truth|(^|[/_])gt($|[/_])|vicon|leica|mocap|optitrack|qualisys')
+TRUTH_WORDS = r'truth|(^|[/_])gt($|[/_])|vicon|leica|mocap|optitrack|qualisys'
 
 
 class Spec(NamedTuple):
@@ -146,26 +146,16 @@ def default_topics(
     from vio_eval_ros.recordings.bags import Recording
 
     with Recording(recording) as opened:
-        topics = [topic for topic in opened.topics if topic.has_pose and topic.count]
-    names = [topic.name for topic in topics if topic.name not in (estimate, ground_truth)]
-    truths = (
-        [ground_truth]
-        if ground_truth
-        else [name for name in names if TRUTH_WORDS.search(name.lower())]
-    )
-    estimates = (
-        [estimate]
-        if estimate
-        else [name for name in names if not TRUTH_WORDS.search(name.lower())]
-    )
+        names = [topic.name for topic in opened.topics if topic.has_pose and topic.count]
+        choice = opened.choice()
+    others = [name for name in names if name not in (estimate, ground_truth)]
+    truths = [name for name in others if re.search(TRUTH_WORDS, name.lower())]
+    estimates = [name for name in others if name not in truths]
+    truths = [ground_truth] if ground_truth else truths
+    estimates = [estimate] if estimate else estimates
     if len(estimates) == 1 and len(truths) == 1:
         return estimates[0], truths[0]
-    listed = ', '.join(f'{topic.name} ({topic.msgtype}, {topic.count})' for topic in topics)
-    raise ReadError(
-        recording,
-        'name the topics with --estimate and --ground-truth; '
-        + (f'those with poses are {listed}' if listed else 'none has poses'),
-    )
+    raise ReadError(recording, f'name the topics with --estimate and --ground-truth; {choice}')
 
 
 def _located(text: str, recording: Path | None) -> Spec:

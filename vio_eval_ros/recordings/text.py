@@ -27,7 +27,6 @@ EXACT = 1 << 53
 LATEST_NS = 1 << 62
 POWERS = 10.0 ** np.arange(23)
 
-_COMMENT = re.compile(rb'(?m)^[ \t]*[#%][^\n]*')
 _SEPARATORS = bytes.maketrans(b',;\t\r\v\f', b'      ')
 
 
@@ -85,7 +84,7 @@ def read_text(path: Path, progress: Progress = silent) -> TextFile:
         data = path.read_bytes()
     except OSError as error:
         raise ReadError(path, error.strerror or str(error)) from None
-    if not data.strip():
+    if not data or data.isspace():
         raise ReadError(path, 'the file is empty')
     if b'\0' in data[:BLOCK_BYTES]:
         raise ReadError(
@@ -127,7 +126,7 @@ def _rows(path: Path, data: bytes, start: int, progress: Progress) -> Rows:
     for begin, end in progress(pairwise(cuts), len(cuts) - 1):
         block = data[begin:end]
         try:
-            rows = _parse(_tidied(block), width)
+            rows = _parse(block, width)
         except _BadRow as bad:
             line = data.count(b'\n', 0, begin) + _line_of_row(block, bad.row)
             raise ReadError(path, f'line {line}: {bad.problem}') from None
@@ -136,7 +135,19 @@ def _rows(path: Path, data: bytes, start: int, progress: Progress) -> Rows:
             width = rows.values.shape[1]
     if not parts:
         raise ReadError(path, 'the file has no rows of numbers')
-    return parts[0] if len(parts) == 1 else Rows(*map(np.concatenate, zip(*parts, strict=True)))
+    return parts[0] if len(parts) == 1 else _joined(parts)
+
+
+def _joined(parts: list[Rows]) -> Rows:
+    """Return all parts in one; each is let go as soon as it is copied."""
+    count, width = sum(len(part.digits) for part in parts), parts[0].values.shape[1]
+    whole = Rows(np.empty(count, np.int64), np.empty(count, np.int64), np.empty((count, width)))
+    for part in reversed(parts):
+        parts.pop()
+        for column, rows in zip(whole, part, strict=True):
+            column[count - len(rows) : count] = rows
+        count -= len(part.digits)
+    return whole
 
 
 class _BadRow(Exception):
@@ -148,22 +159,19 @@ class _BadRow(Exception):
         self.problem = problem
 
 
-def _tidied(block: bytes) -> bytes:
-    """Return the rows of a block, each number followed by exactly one space or line end."""
+def _tidied(block: bytes) -> tuple[bytes, np.ndarray, np.ndarray]:
+    """Return a block with one space or line end behind each number, its bytes, and where."""
     if any(mark in block for mark in b',;\t\r\v\f'):
         block = block.translate(_SEPARATORS)
     if b'#' in block or b'%' in block:
-        block = _COMMENT.sub(b'', block)
-    if (
-        b'  ' in block
-        or b' \n' in block
-        or b'\n ' in block
-        or b'\n\n' in block
-        or block[:1] in b' \n'
-        or block[-1:] != b'\n'
-    ):
-        block = re.sub(rb' *\n\s*', b'\n', re.sub(rb' +', b' ', block)).strip() + b'\n'
-    return block
+        block = re.sub(rb'(?m)^[ \t]*[#%][^\n]*', b'', block)
+    text = np.frombuffer(block, np.uint8)
+    ends = np.flatnonzero(text <= ord(' '))
+    if (ends[:1] > 0).all() and (np.diff(ends) > 1).all() and block.endswith(b'\n'):
+        return block, text, ends
+    block = re.sub(rb' *\n\s*', b'\n', re.sub(rb' +', b' ', block)).strip() + b'\n'
+    text = np.frombuffer(block, np.uint8)
+    return block, text, np.flatnonzero(text <= ord(' '))
 
 
 def _line_of_row(block: bytes, row: int) -> int:
@@ -178,7 +186,7 @@ def _line_of_row(block: bytes, row: int) -> int:
 
 def _parse(block: bytes, width: int) -> Rows | None:
     """
-    Return the rows of a tidied block, or None where there are none.
+    Return the rows of a block of whole lines, or None where there are none.
 
     A decimal number is its digits, an integer that parses fast and exactly, over a power of ten:
     as long as the digits are below 2^53, the quotient is the float64 nearest to the text (Clinger
@@ -186,14 +194,13 @@ def _parse(block: bytes, width: int) -> Rows | None:
 
     :param width: the columns of the rows before, or 0.
     """
+    block, text, ends = _tidied(block)
     if block == b'\n':
         return None
-    text = np.frombuffer(block, np.uint8)
-    ends = np.flatnonzero(text <= ord(' '))
     width = _check_width(text, ends, width)
     points = _points(text, ends, width)
     decimals = (ends - points - 1).clip(min=0)
-    digits = _numbers(block.replace(b'.', b''), np.int64, len(ends))
+    digits = _numbers(block.translate(None, b'.'), np.int64, len(ends))
     if digits is not None and _exact(digits.reshape(-1, width)[:, 1:], decimals):
         values = digits / POWERS[decimals]
     else:
@@ -202,7 +209,10 @@ def _parse(block: bytes, width: int) -> Rows | None:
             raise _not_a_number(block)
     values = values.reshape(-1, width)
     first = np.concatenate([[0], ends[width - 1 : -1 : width] + 1])
-    if digits is not None and np.max(ends[::width] - first) <= INT64_DIGITS:
+    if (
+        digits is not None
+        and np.max(ends[::width] - first - (decimals[::width] > 0)) <= INT64_DIGITS
+    ):
         return Rows(digits[::width], decimals[::width], values)
     finite = np.isfinite(values[:, 0])
     if b'e' in block or b'E' in block or not finite.all():

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 import os
 from pathlib import Path
-import tempfile
 
 from vio_eval_ros.errors import WriteError
 from vio_eval_ros.reports.documents import json_report, junit_report, markdown_report
@@ -27,6 +26,8 @@ def write(path: Path, text: str) -> None:
 
     :raises WriteError: where that is not possible.
     """
+    import tempfile
+
     temporary = None
     try:
         with tempfile.NamedTemporaryFile(

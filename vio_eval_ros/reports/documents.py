@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-import json
 import math
-import re
-from xml.etree import ElementTree
 
 from vio_eval_ros.core.statistics import STATISTICS
 from vio_eval_ros.reports.result import Result
-from vio_eval_ros.reports.text import number, percent, rows
-
-UNPRINTABLE = re.compile('[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]')
+from vio_eval_ros.reports.text import number, percent, printable, rows
 
 
 def json_report(result: Result) -> str:
     """Return the result in schema ``vio_eval_ros.result/1``; numbers survive the round trip."""
+    import json
+
     return json.dumps(result.to_dict(), indent=2, allow_nan=False) + '\n'
 
 
 def junit_report(result: Result) -> str:
     """Return a JUnit test suite: a case for each gate, or one that says that it was scored."""
+    from xml.etree import ElementTree
+
     cases = [
         (
             str(verdict.gate),
@@ -33,7 +32,7 @@ def junit_report(result: Result) -> str:
     failures = sum(failure is not None for _, failure in cases)
     counts = {'tests': str(len(cases)), 'failures': str(failures), 'errors': '0', 'skipped': '0'}
     root = ElementTree.Element('testsuites', name='vio_eval_ros', **counts)
-    name = UNPRINTABLE.sub('?', result.estimate.source)
+    name = printable(result.estimate.source)
     suite = ElementTree.SubElement(root, 'testsuite', name=name, **counts)
     properties = ElementTree.SubElement(suite, 'properties')
     for metric, value in result.summary.metrics.items():
@@ -69,8 +68,7 @@ def markdown_report(result: Result) -> str:
         ] + ['']
     lines += ['| error | ' + ' | '.join(STATISTICS) + ' |', '|---|' + '---:|' * len(STATISTICS)]
     lines += [
-        f'| {label} | ' + ' | '.join(map(number, values)) + ' |'
-        for label, values in rows(result.summary.metrics)
+        f'| {label} | ' + ' | '.join(map(number, values)) + ' |' for label, values in rows(result)
     ]
     lines += [''] + [f'- ⚠ {_escaped(warning)}' for warning in result.summary.warnings]
     return '\n'.join(lines).rstrip() + '\n'
@@ -78,5 +76,4 @@ def markdown_report(result: Result) -> str:
 
 def _escaped(text: str) -> str:
     """Return text without anything that Markdown or HTML would take as its own."""
-    text = UNPRINTABLE.sub('?', text).replace('\n', ' ').replace('\r', ' ')
-    return re.sub(r'([\\`*_\[\]<>&|#~$@])', r'\\\1', text)
+    return ''.join(f'\\{c}' if c in '\\`*_[]<>&|#~$@' else c for c in printable(text))

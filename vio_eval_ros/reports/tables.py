@@ -15,7 +15,7 @@ from vio_eval_ros.reports.result import Result
 def csv_report(result: Result) -> str:
     """Return the stamps and errors of each pair; unknown rotation errors are empty."""
     pairs, alignment = result.summary.pairs, result.summary.alignment
-    difference = alignment.positions(pairs.estimate) - pairs.ground_truth.positions
+    difference = alignment.positions(pairs.estimate.positions) - pairs.ground_truth.positions
     errors = np.column_stack(
         [position_errors(pairs, alignment), rotation_errors(pairs, alignment), difference]
     )

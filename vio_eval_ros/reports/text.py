@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 import math
-import re
 
+from vio_eval_ros.core.metrics import RPE_KINDS
 from vio_eval_ros.core.statistics import STATISTICS
 from vio_eval_ros.reports.result import Input, Result
 
-LABELS = {
-    ('ate', 'trans'): 'ATE position [m]',
-    ('ate', 'rot'): 'ATE rotation [deg]',
-    ('rpe', 'trans'): 'RPE {} position [m]',
-    ('rpe', 'rot'): 'RPE {} rotation [deg]',
-    ('rpe', 'disp'): 'RPE {} displacement [m]',
-    ('rpe', 'dist'): 'RPE {} distance [m]',
+RPE_LABELS = {
+    'trans': 'position',
+    'rot': 'rotation',
+    'disp': 'displacement',
+    'dist': 'distance',
 }
 
 
@@ -37,7 +35,7 @@ def text_report(result: Result) -> str:
     ]
     lines += [
         f'{label:<27}' + ''.join(f'{number(value):>10}' for value in values)
-        for label, values in rows(metrics)
+        for label, values in rows(result)
     ]
     usual = ', '.join(
         f'{mode} {number(metrics[f"ate_{mode}_trans_rmse_m"])}'
@@ -57,27 +55,25 @@ def text_report(result: Result) -> str:
     return '\n'.join(printable(line) for line in lines) + '\n'
 
 
-def rows(metrics: Mapping[str, float]) -> Iterator[tuple[str, list[float]]]:
+def rows(result: Result) -> Iterator[tuple[str, list[float]]]:
     """
     Yield a label and the seven statistics of each error that people look at first.
 
     Displacement and distance stand in for the pose errors where orientations are unknown.
     """
-    for name in metrics:
-        match = re.fullmatch(
-            r'(ate|rpe)_(?:([\d.e+-]+[a-z])_)?(trans|rot|disp|dist)_rmse_(m|deg)', name
-        )
-        if not match:
-            continue
-        metric, delta, quantity, unit = match.groups()
-        prefix = name.removesuffix(f'_rmse_{unit}')
-        poses = not math.isnan(metrics[f'{prefix[: -len(quantity)]}trans_rmse_m'])
-        if metric == 'rpe' and poses == (quantity in ('disp', 'dist')):
-            continue
-        yield (
-            LABELS[metric, quantity].format(delta),
-            [metrics[f'{prefix}_{statistic}_{unit}'] for statistic in STATISTICS],
-        )
+    metrics = result.summary.metrics
+
+    def statistics(prefix: str, unit: str) -> list[float]:
+        return [metrics[f'{prefix}_{statistic}_{unit}'] for statistic in STATISTICS]
+
+    yield 'ATE position [m]', statistics('ate_trans', 'm')
+    yield 'ATE rotation [deg]', statistics('ate_rot', 'deg')
+    kinds = ('disp', 'dist') if result.summary.pairs.turns is None else ('trans', 'rot')
+    for delta in result.config.rpe_deltas:
+        for kind in kinds:
+            unit = RPE_KINDS[kind]
+            label = f'RPE {delta} {RPE_LABELS[kind]} [{unit}]'
+            yield label, statistics(f'rpe_{delta}_{kind}', unit)
 
 
 def _drift(metrics: Mapping[str, float]) -> Iterator[str]:
