@@ -196,7 +196,7 @@ def _series(config: EvaluationConfig, estimate: Source, truth: Source) -> str:
     """Return a row of running values for each second in which a pose arrived, as CSV."""
     lines = []
     for stamp_ns, values in running_series(
-        config, estimate.poses, truth.poses, estimate.zero_stamps and truth.zero_stamps
+        config, estimate.poses, truth.poses, (estimate.zero_stamps, truth.zero_stamps)
     ):
         if not lines:
             lines.append(','.join(['stamp_ns', *values]))

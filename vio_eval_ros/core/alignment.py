@@ -12,7 +12,7 @@ import math
 import numpy as np
 
 from vio_eval_ros.core import rotation
-from vio_eval_ros.core.trajectory import Pairs, Trajectory
+from vio_eval_ros.core.trajectory import blocks, Pairs, Trajectory
 
 SCALED_MODES = ('scale', 'sim3')
 COLLINEAR = 1e-3
@@ -27,14 +27,13 @@ class Moments:
 
     Moments of two sets merge exactly (Chan, Golub, LeVeque 1979), so a run can be added batch by
     batch or joined from parts. They are centred throughout: raw sums lose all digits at
-    coordinates of the size of UTM's. And they are moments of (Q e, g - Q e) instead of (e, g),
-    with a reference rotation Q near the alignment: else a small error would have to come out as
-    the difference of large moments.
+    coordinates of the size of UTM's. Beside g they are kept of Q e and g - Q e, with Q near the
+    alignment's s R: else a small error would have to come out as the difference of large moments.
 
     :param count: N.
-    :param mean: (6,) mean of the turned estimate and of what it lacks, metres.
-    :param scatter: (6, 6) sum of outer products of the deviations, square metres.
-    :param reference: (3, 3) the rotation Q.
+    :param mean: (9,) mean of Q e, g and g - Q e, metres.
+    :param scatter: (9, 9) sum of outer products of the deviations, square metres.
+    :param reference: (3, 3) the invertible Q.
     """
 
     count: int
@@ -43,25 +42,31 @@ class Moments:
     reference: np.ndarray
 
     @classmethod
-    def empty(cls) -> Moments:
+    def empty(cls, reference: np.ndarray | None = None) -> Moments:
         """Return the moments of nothing."""
-        return cls(0, np.zeros(6), np.zeros((6, 6)), np.eye(3))
+        return cls(0, np.zeros(9), np.zeros((9, 9)), np.eye(3) if reference is None else reference)
 
     @classmethod
     def of(cls, pairs: Pairs, reference: np.ndarray | None = None) -> Moments:
-        """Return the moments of pairs, about a (3, 3) reference rotation if there is one."""
-        if not len(pairs):
-            return cls.empty()
-        turn = np.eye(3) if reference is None else reference
-        samples = np.empty((len(pairs), 6))
-        samples[:, :3] = pairs.estimate.positions @ turn.T
-        samples[:, 3:] = pairs.ground_truth.positions - samples[:, :3]
+        """Return the moments of pairs, about a (3, 3) reference if there is one."""
+        moments = cls.empty(reference)
+        for rows in blocks(len(pairs)):
+            moments = moments.merge(
+                moments._of_block(
+                    pairs.estimate.positions[rows], pairs.ground_truth.positions[rows]
+                )
+            )
+        return moments
+
+    def _of_block(self, estimate: np.ndarray, truth: np.ndarray) -> Moments:
+        turned = estimate @ self.reference.T
+        samples = np.concatenate([turned, truth, truth - turned], axis=1)
         mean = samples.mean(axis=0)
         samples -= mean
         # the mean of what is left is rounding: taking it out keeps the sums exact
         rest = samples.mean(axis=0)
         samples -= rest
-        return cls(len(samples), mean + rest, samples.T @ samples, turn)
+        return Moments(len(samples), mean + rest, samples.T @ samples, self.reference)
 
     def merge(self, other: Moments) -> Moments:
         """Return the moments of both sets together; they must share their reference."""
@@ -81,28 +86,28 @@ class Moments:
     @property
     def mean_estimate(self) -> np.ndarray:
         """(3,) metres."""
-        return self.mean[:3] @ self.reference
+        return np.linalg.solve(self.reference, self.mean[:3])
 
     @property
     def mean_truth(self) -> np.ndarray:
         """(3,) metres."""
-        return self.mean[:3] + self.mean[3:]
+        return self.mean[3:6]
 
     @property
     def cross(self) -> np.ndarray:
         """(3, 3) sum of (g - ḡ)(e - ē)ᵀ."""
-        return (self.scatter[:3, :3] + self.scatter[3:, :3]) @ self.reference
+        return np.linalg.solve(self.reference, self.scatter[:3, 3:6]).T
 
     @property
     def truth_scatter(self) -> np.ndarray:
         """(3, 3) sum of (g - ḡ)(g - ḡ)ᵀ."""
-        both = np.hstack([np.eye(3), np.eye(3)])
-        return both @ self.scatter @ both.T
+        return self.scatter[3:6, 3:6]
 
     @property
-    def estimate_square(self) -> float:
-        """Sum of |e - ē|²."""
-        return float(np.trace(self.scatter[:3, :3]))
+    def estimate_scatter(self) -> np.ndarray:
+        """(3, 3) sum of (e - ē)(e - ē)ᵀ."""
+        inverse = np.linalg.inv(self.reference)
+        return inverse @ self.scatter[:3, :3] @ inverse.T
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +130,7 @@ class Alignment:
 
     def positions(self, estimate: np.ndarray) -> np.ndarray:
         """Return (N, 3) positions of the estimate in the ground truth's world."""
-        return (self.scale * estimate) @ self.matrix.T + self.translation
+        return estimate @ self.linear.T + self.translation
 
     def apply(self, estimate: Trajectory) -> Trajectory:
         """Return the estimate in the ground truth's world."""
@@ -139,6 +144,11 @@ class Alignment:
         """The (3, 3) rotation matrix."""
         return rotation.to_matrix(self.rotation)
 
+    @property
+    def linear(self) -> np.ndarray:
+        """The (3, 3) s R."""
+        return self.scale * self.matrix
+
     def mean_square(self, moments: Moments) -> float:
         """
         Return the mean squared distance [m²] of aligned and true positions.
@@ -147,9 +157,10 @@ class Alignment:
         """
         if not moments.count:
             return math.nan
-        # s R e + t - g, by what the moments are of
-        turn = self.scale * self.matrix @ moments.reference.T - np.eye(3)
-        similarity = np.hstack([turn, -np.eye(3)])
+        # s R e + t - g = (s R Q⁻¹ - I) Q e - (g - Q e) + t
+        similarity = np.hstack(
+            [self.linear @ np.linalg.inv(moments.reference) - np.eye(3), 0 * np.eye(3), -np.eye(3)]
+        )
         bias = similarity @ moments.mean + self.translation
         spread = np.sum((similarity @ moments.scatter) * similarity) / moments.count
         return float(bias @ bias + max(spread, 0.0))
@@ -180,7 +191,7 @@ def solve(mode: str, moments: Moments, first: Pairs) -> Alignment:
         return _origin(first)
     mean_e, mean_g, cross = moments.mean_estimate, moments.mean_truth, moments.cross
     if mode == 'scale':
-        own = moments.estimate_square + moments.count * float(mean_e @ mean_e)
+        own = float(np.trace(moments.estimate_scatter)) + moments.count * float(mean_e @ mean_e)
         both = float(np.trace(cross)) + moments.count * float(mean_e @ mean_g)
         return Alignment(mode, both / own if own > 0 else math.nan, IDENTITY, np.zeros(3), True)
     scale, observable = 1.0, _turns(mode, moments)
@@ -192,7 +203,7 @@ def solve(mode: str, moments: Moments, first: Pairs) -> Alignment:
         signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
         turn = rotation.from_matrix((u * signs) @ vt)
         if mode == 'sim3':
-            own = moments.estimate_square
+            own = float(np.trace(moments.estimate_scatter))
             moves = own > moments.count * MIN_EXTENT_M**2
             scale = float(d @ signs) / own if moves else math.nan
     return Alignment(mode, scale, turn, mean_g - scale * rotation.rotate(turn, mean_e), observable)
@@ -214,11 +225,14 @@ def _origin(first: Pairs) -> Alignment:
 
 
 def _turns(mode: str, moments: Moments) -> bool:
-    """Return whether the motion determines the rotation: not a point, and not a line."""
-    scatter = moments.truth_scatter
-    spread = np.linalg.eigvalsh(scatter)[::-1].clip(min=0)
-    longest, second = np.sqrt(spread[:2])
-    if mode == 'posyaw':
-        level = math.sqrt(np.trace(scatter[:2, :2]))
-        return moments.count >= 2 and level >= max(MIN_EXTENT_M, COLLINEAR * float(longest))
-    return bool(moments.count >= 3 and longest >= MIN_EXTENT_M and second >= COLLINEAR * longest)
+    """Return whether the motion of both determines the rotation: not a point, and not a line."""
+    for scatter in (moments.truth_scatter, moments.estimate_scatter):
+        spread = np.linalg.eigvalsh(scatter)[::-1].clip(min=0)
+        longest, second = np.sqrt(spread[:2])
+        if mode == 'posyaw':
+            level = math.sqrt(np.trace(scatter[:2, :2]))
+            if moments.count < 2 or level < max(MIN_EXTENT_M, COLLINEAR * float(longest)):
+                return False
+        elif moments.count < 3 or longest < MIN_EXTENT_M or second < COLLINEAR * longest:
+            return False
+    return True

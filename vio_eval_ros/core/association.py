@@ -103,7 +103,7 @@ class Stream:
         )
         if self._offset_ns:
             batch = replace(batch, stamps_ns=batch.stamps_ns + self._offset_ns)
-        if len(batch) and batch.stamps_ns[0] <= self.newest_ns:
+        if len(batch) and batch.stamps_ns[0] <= max(self.newest_ns, horizon_ns):
             batch = self._without_repeated_and_late(batch, horizon_ns)
         if not len(batch):
             return
@@ -118,6 +118,7 @@ class Stream:
 
     def _without_repeated_and_late(self, batch: Trajectory, horizon_ns: int) -> Trajectory:
         repeated = np.isin(batch.stamps_ns, self.waiting.stamps_ns)
+        repeated |= batch.stamps_ns == self.newest_ns
         late = ~repeated & (batch.stamps_ns <= horizon_ns)
         self.counts.duplicate += int(np.count_nonzero(repeated))
         self.counts.late += int(np.count_nonzero(late))
@@ -164,9 +165,9 @@ class Associator:
     """
     Two streams in, pairs out, each decided exactly once.
 
-    The *horizon* is the stamp that both streams have reached. Streams run forwards, so what is
-    nearest to, or around, a pose before the horizon cannot change any more: its pair is decided.
-    Hence neither the order in which the streams arrive nor the size of the batches matters.
+    The *horizon* is the stamp that both streams have reached; what comes later at or before it is
+    too late. A pair is decided as soon as no pose behind the horizon could come between. Hence
+    neither the order in which the streams arrive nor the size of the batches matters.
     """
 
     def __init__(self, config: EvaluationConfig) -> None:
@@ -174,7 +175,7 @@ class Associator:
         self._tolerance_ns = nanoseconds(config.max_difference_s)
         self._start_ns = nanoseconds(config.start_s)
         self._end_ns = None if math.isinf(config.end_s) else nanoseconds(config.end_s)
-        self._decided = self._nearest if config.association == 'nearest' else self._interpolated
+        self._mode = config.association
         self._horizon_ns = BEFORE_ALL
         self._begin_ns: int | None = None
         self.estimate = Stream(
@@ -186,14 +187,16 @@ class Associator:
         self._estimate_intervals: list[np.ndarray] = []
         self._slow = 0
 
-    def add_estimate(self, poses: Poses, zero_stamps: bool = True) -> Pairs:
-        """Add a batch of the estimate, in its own clock; return the pairs that it decides."""
+    def add_estimate(self, poses: Poses, zero_stamps: bool = True) -> None:
+        """Add a batch of the estimate, in its own clock."""
         self.estimate.receive(poses, self._horizon_ns, zero_stamps)
-        return self._advance(min(self.estimate.newest_ns, self.ground_truth.newest_ns))
 
-    def add_ground_truth(self, poses: Poses, zero_stamps: bool = True) -> Pairs:
-        """Add a batch of ground truth; return the pairs that it decides."""
+    def add_ground_truth(self, poses: Poses, zero_stamps: bool = True) -> None:
+        """Add a batch of ground truth."""
         self.ground_truth.receive(poses, self._horizon_ns, zero_stamps)
+
+    def decide(self) -> Pairs:
+        """Return the pairs that the poses since the last call decide."""
         return self._advance(min(self.estimate.newest_ns, self.ground_truth.newest_ns))
 
     def flush(self) -> Pairs:
@@ -221,19 +224,28 @@ class Associator:
             return Pairs.empty()
         if self._begin_ns is None:
             self._begin_ns = self.ground_truth.first_ns
-        if len(self.ground_truth.waiting) and (self._start_ns or self._end_ns is not None):
+        if self._begin_ns != AFTER_ALL and (self._start_ns or self._end_ns is not None):
             self._crop(self._begin_ns)
-        pairs = self._decided(self._horizon_ns, horizon_ns)
+        decided = self._nearest if self._mode == 'nearest' else self._interpolated
+        pairs = decided(self._horizon_ns, horizon_ns)
         self._tracked.add(pairs.estimate.stamps_ns)
         self.ground_truth.settle(self._horizon_ns, horizon_ns)
         intervals = self.estimate.settle(self._horizon_ns, horizon_ns)
         self._estimate_intervals.append(intervals)
         self._slow += int(np.count_nonzero(3 * intervals > self._gap_ns))
-        # a pair after the horizon and whatever could compete for it are at most this far back
         for stream in (self.estimate, self.ground_truth):
-            stream.forget(horizon_ns - 2 * self._tolerance_ns)
+            stream.forget(self._needed_from(horizon_ns))
         self._horizon_ns = horizon_ns
         return pairs
+
+    def _needed_from(self, horizon_ns: int) -> int:
+        """Return the stamp from which on poses may still matter to pairs not decided yet."""
+        if self._mode == 'nearest':
+            # such a pair reaches over the horizon, and its competitors are as far from it again
+            return horizon_ns - 3 * self._tolerance_ns
+        stamps = self.ground_truth.waiting.stamps_ns
+        passed = int(np.searchsorted(stamps, horizon_ns, side='right'))
+        return int(stamps[passed - 1]) if passed else BEFORE_ALL
 
     def _crop(self, zero_ns: int) -> None:
         """Drop what lies outside the options' start and end, relative to the first truth."""
@@ -243,35 +255,36 @@ class Associator:
             stream.crop(begin_ns, end_ns)
 
     def _nearest(self, after_ns: int, until_ns: int) -> Pairs:
-        """Return the poses that are each other's nearest, the later of the two in the range."""
+        """Return the poses that are each other's nearest, as far as the new horizon decides."""
         estimate, truth = self.estimate.waiting, self.ground_truth.waiting
         if not len(estimate) or not len(truth):
             return Pairs.empty()
         partner = nearest(estimate.stamps_ns, truth.stamps_ns)
         difference = np.abs(estimate.stamps_ns - truth.stamps_ns[partner])
         self._note_closest(difference)
-        later = np.maximum(estimate.stamps_ns, truth.stamps_ns[partner])
+        # until here a pose could come that is nearer to one of the two
+        open_ns = np.maximum(estimate.stamps_ns, truth.stamps_ns[partner]) + difference
         chosen = np.flatnonzero(
-            (difference <= self._tolerance_ns) & (later > after_ns) & (later <= until_ns)
+            (difference <= self._tolerance_ns) & (open_ns > after_ns) & (open_ns <= until_ns)
         )
         candidates = partner[chosen]
         mutual = nearest(truth.stamps_ns[candidates], estimate.stamps_ns) == chosen
         return Pairs.of(estimate[_as_slice(chosen[mutual])], truth[_as_slice(candidates[mutual])])
 
     def _interpolated(self, after_ns: int, until_ns: int) -> Pairs:
-        """Return the estimates in the range with ground truth interpolated at their stamps."""
-        truth, stamps = self.ground_truth.waiting, self.ground_truth.waiting.stamps_ns
-        begin, end = np.searchsorted(
-            self.estimate.waiting.stamps_ns, [after_ns, until_ns], side='right'
-        )
-        estimate = self.estimate.waiting[begin:end]
+        """Return estimates with interpolated truth, as far as the new horizon decides."""
+        estimate, truth = self.estimate.waiting, self.ground_truth.waiting
         if not len(estimate) or not len(truth):
             return Pairs.empty()
+        stamps = truth.stamps_ns
         self._note_closest(
             np.abs(estimate.stamps_ns - stamps[nearest(estimate.stamps_ns, stamps)])
         )
         after = np.searchsorted(stamps, estimate.stamps_ns)
         inside = after < len(stamps)
+        # until here a pose could come that is nearer to the estimate's stamp
+        open_ns = stamps[after[inside]]
+        inside[inside] = (open_ns > after_ns) & (open_ns <= until_ns)
         estimate, after = estimate[inside], after[inside]
         exact = stamps[after] == estimate.stamps_ns
         before = np.where(exact, after, after - 1)

@@ -38,14 +38,15 @@ class Delta(NamedTuple):
                 f"'{text}' is no delta; write a number above 0 and f (frames), s (seconds), "
                 'm (metres) or d (degrees), such as 1f, 0.5s or 10m'
             )
-        delta = cls(float(match[1]), match[2])
+        # as many decimals as its name has
+        delta = cls(round(float(match[1]), 9), match[2])
         if delta.unit == 'f' and not delta.value.is_integer():
             raise ConfigError(f"'{text}': frames are counted in whole numbers, such as 10f")
         return delta
 
     def __str__(self) -> str:
         """Return the delta as it is written in options and metric names."""
-        return f'{self.value:g}{self.unit}'
+        return f'{self.value:.9f}'.rstrip('0').rstrip('.') + self.unit
 
 
 def _option(

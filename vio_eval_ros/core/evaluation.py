@@ -26,6 +26,7 @@ from vio_eval_ros.core.metrics import METRICS, Run
 from vio_eval_ros.core.trajectory import PairLog, Pairs, Poses
 
 FEW_PAIRS = 10
+MIN_SCALE = 1e-3
 SECOND_NS = 10**9
 
 
@@ -62,11 +63,11 @@ class Evaluation:
 
     def add_estimate(self, poses: Poses, zero_stamps: bool = True) -> None:
         """Add a batch of estimated poses; ``zero_stamps`` False drops those stamped 0."""
-        self._log.append(self.associator.add_estimate(poses, zero_stamps))
+        self.associator.add_estimate(poses, zero_stamps)
 
     def add_ground_truth(self, poses: Poses, zero_stamps: bool = True) -> None:
         """Add a batch of true poses; ``zero_stamps`` False drops those stamped 0."""
-        self._log.append(self.associator.add_ground_truth(poses, zero_stamps))
+        self.associator.add_ground_truth(poses, zero_stamps)
 
     def flush(self) -> None:
         """Decide what only more poses could have changed: the streams have ended."""
@@ -79,7 +80,7 @@ class Evaluation:
         Each call takes in the pairs since the one before. Equal to those of :meth:`summary` to
         1e-9 relative.
         """
-        pairs = self._log.all()
+        pairs = self._decided()
         moments = self._running_moments(pairs)
         fitted = Moments.of(self._to_align(pairs)) if self._align_first_ns else moments
         run = Run(pairs, moments, self._solve(fitted, pairs), self.associator, [])
@@ -90,7 +91,7 @@ class Evaluation:
 
     def summary(self) -> Summary:
         """Return all metrics over the pairs so far."""
-        pairs = self._log.all()
+        pairs = self._decided()
         warnings = self._stream_warnings()
         moments = Moments.of(pairs)
         fitted = Moments.of(self._to_align(pairs)) if self._align_first_ns else moments
@@ -116,26 +117,29 @@ class Evaluation:
                 )
         spans = f'estimate spans {_span(estimate)} s, ground truth {_span(truth)} s'
         closest_ns = self.associator.closest_ns
-        tolerance = (
-            f'within {self.config.max_difference_s:g} s'
-            if self.config.association == 'nearest'
-            else f'where ground truth has no gap above {self.config.max_gap_s:g} s'
-        )
-        if (
-            closest_ns is None
-            or estimate.first_ns > truth.newest_ns
-            or truth.first_ns > estimate.newest_ns
-        ):
+        if self.config.association == 'nearest':
+            tolerance = f'within {self.config.max_difference_s:g} s'
+            advice = 'is --max-difference-s too small, or --association interpolate meant?'
+        else:
+            tolerance = f'where ground truth has no gap above {self.config.max_gap_s:g} s'
+            advice = 'is --max-gap-s too small?'
+        apart = estimate.first_ns > truth.newest_ns or truth.first_ns > estimate.newest_ns
+        if closest_ns is None or apart:
             return f'no pairs {tolerance}: {spans}; are the clocks the same?'
-        return (
-            f'no pairs {tolerance}: {spans}; the closest stamps are {closest_ns / 1e9:g} s '
-            'apart; is --max-difference-s too small, or --association interpolate meant?'
-        )
+        closest = f'the closest stamps are {closest_ns / 1e9:g} s apart'
+        return f'no pairs {tolerance}: {spans}; {closest}; {advice}'
+
+    def _decided(self) -> Pairs:
+        """Return all pairs that the poses so far decide."""
+        self._log.append(self.associator.decide())
+        return self._log.all()
 
     def _running_moments(self, pairs: Pairs) -> Moments:
         """Return the moments of all pairs, about an alignment never older than half of them."""
         if len(pairs) >= 2 * self._referenced:
-            reference = solve('se3', Moments.of(pairs), pairs[:1]).matrix
+            best = solve('sim3', Moments.of(pairs), pairs[:1])
+            usable = MIN_SCALE < best.scale < 1 / MIN_SCALE
+            reference = best.linear if usable else best.matrix
             self._moments, self._referenced = Moments.of(pairs, reference), len(pairs)
         else:
             new = Moments.of(pairs[self._moments.count :], self._moments.reference)
@@ -202,7 +206,10 @@ def metric_names(config: EvaluationConfig) -> list[str]:
 
 
 def running_series(
-    config: EvaluationConfig, estimate: Poses, ground_truth: Poses, zero_stamps: bool = True
+    config: EvaluationConfig,
+    estimate: Poses,
+    ground_truth: Poses,
+    zero_stamps: tuple[bool, bool] = (True, True),
 ) -> Iterator[tuple[int, dict[str, float]]]:
     """
     Yield stamp and running values as a live evaluation would have had them, second by second.
@@ -219,17 +226,17 @@ def running_series(
     ends = [np.searchsorted(clock, ticks, side='right').tolist() for clock in clocks]
     evaluation, begins = Evaluation(config), [0, 0]
     for stamp_ns, *end in zip(ticks[:-1].tolist(), *ends, strict=False):
-        evaluation.add_estimate(streams[0][begins[0] : end[0]], zero_stamps)
-        evaluation.add_ground_truth(streams[1][begins[1] : end[1]], zero_stamps)
+        evaluation.add_estimate(streams[0][begins[0] : end[0]], zero_stamps[0])
+        evaluation.add_ground_truth(streams[1][begins[1] : end[1]], zero_stamps[1])
         begins = end
         yield stamp_ns, evaluation.running()
-    evaluation.add_estimate(streams[0][begins[0] :], zero_stamps)
-    evaluation.add_ground_truth(streams[1][begins[1] :], zero_stamps)
+    evaluation.add_estimate(streams[0][begins[0] :], zero_stamps[0])
+    evaluation.add_ground_truth(streams[1][begins[1] :], zero_stamps[1])
     evaluation.flush()
     summary = evaluation.summary()
     final = {'pairs': len(summary.pairs)} | summary.metrics
     yield (
-        max(int(clock[-1]) for clock in clocks),
+        max(int(clock[-1]) for clock in clocks if len(clock)),
         {name: final[name] for name in evaluation.running()},
     )
 

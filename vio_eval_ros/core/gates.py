@@ -53,7 +53,7 @@ class Gate(NamedTuple):
 
     def __str__(self) -> str:
         """Return the gate as it is written on the command line."""
-        return f'{self.metric}{self.comparison}{self.limit:g}'
+        return f'{self.metric}{self.comparison}{self.limit!r}'.removesuffix('.0')
 
 
 class Verdict(NamedTuple):

@@ -9,7 +9,7 @@ from pair i to pair j the angle between A_i and A_j.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 import math
 
@@ -20,13 +20,13 @@ from vio_eval_ros.core.alignment import Alignment, Moments, solve
 from vio_eval_ros.core.association import Associator, nanoseconds, nearest
 from vio_eval_ros.core.config import Delta, EvaluationConfig
 from vio_eval_ros.core.statistics import root_mean_square, statistics
-from vio_eval_ros.core.trajectory import Pairs
+from vio_eval_ros.core.trajectory import blocks, Pairs
 
 ALWAYS_ALIGNED = ('none', 'posyaw', 'se3', 'sim3')
 RPE_KINDS = {'trans': 'm', 'rot': 'deg', 'disp': 'm', 'dist': 'm'}
 DELTA_TOLERANCE = 0.1
 SEGMENT_STEP = 10
-BLOCK_ROWS = 1 << 13
+SINGULAR = 1e-12
 KITTI_LENGTHS_M = tuple(range(100, 900, 100))
 
 
@@ -72,11 +72,6 @@ def named(prefix: str, unit: str, errors: np.ndarray) -> dict[str, float]:
 def lengths(vectors: np.ndarray) -> np.ndarray:
     """Return the (N,) lengths of (N, 3) vectors."""
     return np.sqrt(np.einsum('ij,ij->i', vectors, vectors))
-
-
-def blocks(count: int) -> Iterator[slice]:
-    """Yield slices that cut ``count`` rows into pieces whose temporaries fit into a cache."""
-    return (slice(start, start + BLOCK_ROWS) for start in range(0, count, BLOCK_ROWS))
 
 
 def position_errors(pairs: Pairs, alignment: Alignment) -> np.ndarray:
@@ -242,7 +237,8 @@ def candidates(along: np.ndarray, delta: Delta, mode: str, origin: float = 0.0) 
         begin, target = np.arange(len(along)), along + step
         end = _first_nearest(target, along)
     else:
-        marks = np.unique(np.rint((along - origin) / step).astype(np.int64))
+        reached = (along - origin) / step
+        marks = np.unique(np.concatenate([np.floor(reached), np.ceil(reached)]).astype(np.int64))
         places = marks * step + origin
         poses = _first_nearest(places, along)
         begin, end, target = poses[:-1], poses[1:], places[1:]
@@ -305,74 +301,97 @@ class Rpe(Metric):
                 )
 
 
-class RunningRpe:
+@dataclass(frozen=True, eq=False)
+class ErrorMoments:
     """
-    The RMSE of relative errors over one delta, kept up to date as pairs arrive.
+    Second moments of relative motions, from which their RMSE follows under any alignment.
 
-    The alignment of the moment may still change, so second moments over the motions are kept
-    instead of sums over errors: of (Q x, y - Q x) where the error is |s R x - y|, with Q the
-    alignment's rotation at the start, so that small errors are not differences of large sums.
+    The alignment of a run that goes on still changes. Hence (Q x, y - Q x) is kept where the error
+    is |s R x - y|, with Q near s R, so that small errors are not differences of large sums.
+
+    :param products: for each kind the (2k, 2k) sum of outer products, k = 3 or 1.
+    :param angles: sum of squared angles [rad²].
+    :param reference: has Q.
     """
+
+    count: int
+    products: dict[str, np.ndarray]
+    angles: float
+    reference: Alignment
+
+    @classmethod
+    def of(cls, motion: Motion, reference: Alignment) -> ErrorMoments:
+        """Return the moments of M motions about a reference."""
+        far, far_truth = lengths(motion.estimate)[:, None], lengths(motion.truth)[:, None]
+        compared = {
+            'trans': (reference.scale * motion.turned, motion.truth),
+            'disp': (motion.estimate @ reference.linear.T, motion.truth),
+            'dist': (reference.scale * far, far_truth),
+        }
+        products = {}
+        for kind, (own, true) in compared.items():
+            samples = np.hstack([own, true - own])
+            products[kind] = samples.T @ samples
+        angles = float(motion.angles @ motion.angles)
+        return cls(len(motion.angles), products, angles, reference)
+
+    def __add__(self, other: ErrorMoments) -> ErrorMoments:
+        """Return the moments of both; they must share their reference."""
+        products = {kind: self.products[kind] + other.products[kind] for kind in self.products}
+        angles = self.angles + other.angles
+        return ErrorMoments(self.count + other.count, products, angles, self.reference)
+
+    def rmse(self, kind: str, alignment: Alignment) -> float:
+        """Return the root of the mean squared error of a kind, in its unit."""
+        if not self.count:
+            return math.nan
+        if kind == 'rot':
+            return math.degrees(math.sqrt(self.angles / self.count))
+        unit = np.eye(len(self.products[kind]) // 2)
+        turn = alignment.matrix @ self.reference.matrix.T if kind == 'disp' else unit
+        similarity = np.hstack([alignment.scale / self.reference.scale * turn - unit, -unit])
+        square = float(np.sum((similarity @ self.products[kind]) * similarity))
+        return math.sqrt(max(square, 0.0) / self.count)
+
+
+class RunningRpe:
+    """The RMSE of relative errors over one delta, kept up to date as pairs arrive."""
 
     def __init__(self, delta: Delta, mode: str) -> None:
         self._delta = delta
         self._mode = mode
         self._next = 0
         self._mark = 0.0
-        self._count = 0
-        self._reference = np.eye(3)
-        self._moments = {
-            'trans': np.zeros((6, 6)),
-            'disp': np.zeros((6, 6)),
-            'dist': np.zeros((2, 2)),
-        }
-        self._angles = 0.0
+        self._moments: ErrorMoments | None = None
 
     def update(self, run: Run) -> dict[str, float]:
         """Take in what the pairs since the last call decide; return the four values."""
         pairs = run.pairs[self._next :]
         along = progress_along(pairs, self._delta.unit)
         found = candidates(along, self._delta, self._mode, self._mark)
-        # no pair to come can be nearer to a place that has been reached
+        # no pair to come can be nearer to a place that has been reached; the rest may change
         decided = int(np.searchsorted(found.target, along[-1], side='right')) if len(along) else 0
-        usable = np.flatnonzero(found.usable[:decided])
-        if not self._count:
-            self._reference = run.alignment.matrix
-        self._add(Motion.between(pairs, found.begin[usable], found.end[usable]))
+        reference = run.alignment if self._moments is None else self._moments.reference
+        parts = []
+        for usable in (
+            found.usable[:decided].nonzero()[0],
+            found.usable[decided:].nonzero()[0] + decided,
+        ):
+            motion = Motion.between(pairs, found.begin[usable], found.end[usable])
+            parts.append(ErrorMoments.of(motion, reference))
+        if parts[0].count:
+            self._moments = parts[0] if self._moments is None else self._moments + parts[0]
         if self._mode == 'all':
             self._next += decided
         elif decided:
             last = found.end[decided - 1]
             self._mark = float(found.target[decided - 1] - along[last])
             self._next += int(last)
+        moments = parts[1] if self._moments is None else self._moments + parts[1]
         return {
-            f'rpe_{self._delta}_{kind}_rmse_{unit}': self._rmse(kind, run.alignment)
+            f'rpe_{self._delta}_{kind}_rmse_{unit}': moments.rmse(kind, run.alignment)
             for kind, unit in RPE_KINDS.items()
         }
-
-    def _add(self, motion: Motion) -> None:
-        compared = {
-            'trans': (motion.turned, motion.truth),
-            'disp': (motion.estimate @ self._reference.T, motion.truth),
-            'dist': (lengths(motion.estimate)[:, None], lengths(motion.truth)[:, None]),
-        }
-        for kind, (own, true) in compared.items():
-            samples = np.hstack([own, true - own])
-            self._moments[kind] += samples.T @ samples
-        self._angles += float(motion.angles @ motion.angles)
-        self._count += len(motion.angles)
-
-    def _rmse(self, kind: str, alignment: Alignment) -> float:
-        if not self._count:
-            return math.nan
-        if kind == 'rot':
-            return math.degrees(math.sqrt(self._angles / self._count))
-        moments = self._moments[kind]
-        unit = np.eye(len(moments) // 2)
-        turn = alignment.matrix @ self._reference.T if kind == 'disp' else unit
-        similarity = np.hstack([alignment.scale * turn - unit, -unit])
-        square = float(np.sum((similarity @ moments) * similarity))
-        return math.sqrt(max(square, 0.0) / self._count)
 
 
 class Segments(Metric):
@@ -430,7 +449,11 @@ class Nees(Metric):
         """Return the mean squares of position and orientation errors over their covariance."""
         estimate, turns = run.pairs.estimate, run.pairs.turns
         position = orientation = math.nan
-        if estimate.covariances is not None and run.alignment.observable:
+        if (
+            estimate.covariances is not None
+            and run.alignment.observable
+            and run.alignment.scale > 0
+        ):
             back = rotation.conjugate(run.alignment.rotation)
             truth = run.pairs.ground_truth.positions - run.alignment.translation
             error = rotation.rotate(back, truth) / run.alignment.scale - estimate.positions
@@ -444,7 +467,8 @@ class Nees(Metric):
         """Return the mean over the pairs whose covariance is positive definite."""
         covariances = run.pairs.estimate.covariances[:, block]  # type: ignore[index]
         usable = np.isfinite(covariances).all(axis=(1, 2))
-        usable[usable] = np.linalg.eigvalsh(covariances[usable])[:, 0] > 0
+        variances = np.linalg.eigvalsh(covariances[usable])
+        usable[usable] = variances[:, 0] > SINGULAR * variances[:, 2]
         if not usable.all():
             run.warnings.append(
                 f'nees_{name}: {np.count_nonzero(~usable)} of {len(usable)} '

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, TypeVar
 
@@ -15,7 +15,13 @@ Columns = TypeVar('Columns', bound='Poses')
 MIN_QUATERNION_NORM = 1e-6
 UNIT_QUATERNION_TOLERANCE = 1e-2
 LARGEST = 1e100
+BLOCK_ROWS = 1 << 13
 COLUMNS = ('stamps_ns', 'positions', 'rotations', 'covariances')
+
+
+def blocks(count: int) -> Iterator[slice]:
+    """Yield slices that cut ``count`` rows into pieces whose temporaries fit into a cache."""
+    return (slice(start, start + BLOCK_ROWS) for start in range(0, count, BLOCK_ROWS))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,426 @@
+"""The evaluation as a whole: the same however poses arrive, true at every moment, never silent."""
+
+from dataclasses import asdict, replace
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from vio_eval_ros.core import rotation
+from vio_eval_ros.core.config import ALIGNMENTS, EvaluationConfig, RPE_PAIRS
+from vio_eval_ros.core.evaluation import Evaluation, metric_names, running_series
+from vio_eval_ros.core.trajectory import Poses, Trajectory
+
+MS = 1_000_000
+UTM = np.array([4.5e5, 5.4e6, 200.0])
+DELTAS = ('1f', '7f', '0.5s', '2s', '3m', '20d')
+EVERYTHING = {'rpe_deltas': DELTAS, 'segment_lengths_m': (5, 20)}
+NOTHING = Poses(np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 4)))
+
+# A stream is the steps [5 ms] between its stamps; a step of 0 repeats a stamp.
+STEPS = st.lists(st.integers(0, 12), max_size=30)
+# Which stream delivers next, and how many poses at once; the rest comes at the end.
+DELIVERIES = st.lists(
+    st.tuples(st.sampled_from(['estimate', 'ground_truth']), st.integers(1, 9)), max_size=30
+)
+
+
+def deliver(evaluation: Evaluation, estimate: Poses, truth: Poses, deliveries):
+    """Add both streams to an evaluation as told; yield after every batch."""
+    waiting = {'estimate': estimate, 'ground_truth': truth}
+    add = {'estimate': evaluation.add_estimate, 'ground_truth': evaluation.add_ground_truth}
+    for name, size in [*deliveries, ('estimate', len(estimate)), ('ground_truth', len(truth))]:
+        add[name](waiting[name][:size])
+        waiting[name] = waiting[name][size:]
+        yield
+    evaluation.flush()
+    yield
+
+
+def rows(trajectory: Trajectory, columns: str = 'pr') -> Poses:
+    """Return poses of which only the positions (p) or also the orientations (r) are known."""
+    return Poses(trajectory.stamps_ns, trajectory.positions,
+                 trajectory.rotations if 'r' in columns else None)
+
+
+def moved(trajectory: Trajectory, turn, shift) -> Trajectory:
+    """Return the trajectory in another world."""
+    turn = rotation.from_rotation_vector(np.array(turn, float))
+    return replace(
+        trajectory, positions=rotation.rotate(turn, trajectory.positions) + shift,
+        rotations=rotation.multiply(turn, trajectory.rotations),
+    )
+
+
+def assert_close(found, expected, relative, absolute, but=()):
+    for name, value in expected.items():
+        if not name.startswith(but):
+            assert found[name] == pytest.approx(value, rel=relative, abs=absolute, nan_ok=True), \
+                name
+
+
+# However poses arrive
+
+
+@given(
+    STEPS,
+    STEPS,
+    DELIVERIES,
+    st.fixed_dictionaries(
+        {
+            'association': st.sampled_from(['nearest', 'interpolate']),
+            'time_offset_s': st.sampled_from([0.0, 0.012]),
+            'end_s': st.sampled_from([0.3, math.inf]),
+            'rpe_pairs': st.sampled_from(RPE_PAIRS),
+            'alignment': st.sampled_from(ALIGNMENTS),
+        }
+    ),
+)
+def test_the_summary_is_the_same_to_the_last_bit_however_poses_arrive(
+    wandering, est_steps, gt_steps, deliveries, options
+):
+    estimate = wandering(np.cumsum(est_steps) * 5 * MS, seed=1)
+    truth = wandering(np.cumsum(gt_steps) * 5 * MS)
+    config = EvaluationConfig(rpe_deltas=('1f', '0.1s', '1m', '5d'), **options)
+    at_once, piecewise = Evaluation(config), Evaluation(config)
+    for _ in deliver(at_once, estimate, truth, []):
+        pass
+    for _ in deliver(piecewise, estimate, truth, deliveries):
+        piecewise.running()
+    expected, found = at_once.summary(), piecewise.summary()
+    np.testing.assert_equal(found.metrics, expected.metrics)
+    np.testing.assert_equal(found.association, expected.association)
+    assert found.warnings == expected.warnings
+    for side in ('estimate', 'ground_truth'):
+        assert asdict(getattr(piecewise.associator, side).counts) == asdict(
+            getattr(at_once.associator, side).counts)
+    assert piecewise.no_pairs() == at_once.no_pairs()
+
+
+# At every moment
+
+
+@pytest.mark.parametrize('alignment', ALIGNMENTS)
+@pytest.mark.parametrize('rpe_pairs', RPE_PAIRS)
+@pytest.mark.parametrize('align_first_s', [0, 3])
+def test_running_values_are_those_of_the_summary_at_every_moment(
+    flight, estimated, alignment, rpe_pairs, align_first_s
+):
+    evaluation = Evaluation(EvaluationConfig(
+        alignment=alignment, rpe_pairs=rpe_pairs, align_first_s=align_first_s, rpe_deltas=DELTAS))
+    estimate = estimated(flight)
+    deliveries = [(name, 11) for _ in range(37) for name in ('ground_truth', 'estimate')]
+    for _ in deliver(evaluation, estimate, flight, deliveries):
+        running, summary = evaluation.running(), evaluation.summary()
+        assert running.pop('pairs') == len(summary.pairs)
+        # of the one to three pairs that an alignment fits exactly only rounding is left
+        absolute = 1e-6 if len(summary.pairs) <= 3 else 1e-12
+        for name, value in running.items():
+            assert value == pytest.approx(
+                summary.metrics[name], rel=1e-9, abs=absolute, nan_ok=True), name
+
+
+@pytest.mark.parametrize(('alignment', 'scale'), [('none', 1), ('posyaw', 1), ('se3', 1),
+                                                  ('sim3', 1), ('sim3', 5), ('sim3', 0.2)])
+@pytest.mark.parametrize('metres', [1e-2, 1e-4, 1e-6])
+def test_running_values_of_small_errors_are_as_exact(flight, evaluate, alignment, scale, metres):
+    noise = np.random.default_rng(0).normal(0, metres, flight.positions.shape)
+    estimate = replace(flight, positions=(flight.positions + noise) / scale)
+    if alignment != 'none':
+        estimate = moved(estimate, [0, 0, 2] if alignment == 'posyaw' else [1, -2, 0.5], [5, 6, 7])
+    evaluation = Evaluation(EvaluationConfig(alignment=alignment, rpe_deltas=('1f', '1s')))
+    for _ in deliver(evaluation, estimate, flight, [('ground_truth', 400)] + [('estimate', 23)] * 20):
+        running = evaluation.running()
+    final = evaluation.summary().metrics
+    for name in ('ate_trans_rmse_m', 'rpe_1f_trans_rmse_m', 'rpe_1f_disp_rmse_m'):
+        # the coordinates of some metres are themselves rounded to 1e-15
+        assert running[name] == pytest.approx(final[name], rel=1e-9, abs=1e-14), name
+
+
+@pytest.mark.parametrize('columns', [('p', 'pr'), ('pr', 'p'), ('p', 'p')])
+def test_running_values_without_orientations_are_those_of_the_summary(flight, estimated, columns):
+    evaluation = Evaluation(EvaluationConfig(rpe_deltas=('1f', '7f')))
+    estimate, truth = rows(estimated(flight), columns[0]), rows(flight, columns[1])
+    for _ in deliver(evaluation, estimate, truth, [('ground_truth', 400)] + [('estimate', 50)] * 8):
+        running, metrics = evaluation.running(), evaluation.summary().metrics
+        del running['pairs']
+        assert_close(running, {name: metrics[name] for name in running}, 1e-9, 1e-12)
+    assert math.isfinite(running['rpe_7f_disp_rmse_m'])
+    assert math.isnan(running['rpe_7f_trans_rmse_m'])
+    assert math.isnan(running['ate_rot_rmse_deg'])
+
+
+def test_the_series_has_a_row_a_second_and_ends_with_the_summary(flight, estimated, evaluate):
+    estimate = estimated(flight)
+    series = list(running_series(EvaluationConfig(), estimate, flight))
+    stamps = np.array([stamp for stamp, _ in series])
+    newest = max(estimate.stamps_ns[-1], flight.stamps_ns[-1])
+    assert stamps[-1] == newest
+    assert (stamps[:-1] % 10**9 == 0).all()
+    assert (np.diff(stamps)[:-1] == 10**9).all()
+    assert np.diff(stamps)[-1] <= 10**9
+    final = evaluate(estimate, flight)
+    assert series[-1][1] == {name: final.metrics.get(name, len(final.pairs))
+                             for name in series[-1][1]}
+    pairs = [values['pairs'] for _, values in series]
+    assert pairs == sorted(pairs)
+    assert pairs[0] < 30
+
+
+def test_the_series_of_a_stream_without_poses_has_no_numbers(flight):
+    for streams in ((NOTHING, flight), (flight, NOTHING)):
+        *_, (stamp, values) = running_series(EvaluationConfig(), *streams)
+        assert stamp == flight.stamps_ns[-1]
+        assert math.isnan(values['ate_trans_rmse_m'])
+
+
+# What must not matter
+
+
+@pytest.mark.parametrize('alignment', ['se3', 'sim3'])
+@pytest.mark.parametrize('side', ['estimate', 'ground_truth'])
+def test_moving_either_world_rigidly_changes_nothing(flight, estimated, evaluate, alignment, side):
+    sides = {'estimate': estimated(flight), 'ground_truth': flight}
+    before = evaluate(**sides, alignment=alignment, **EVERYTHING).metrics
+    sides[side] = moved(sides[side], [0.7, -1.1, 2.3], [30, -20, 10])
+    after = evaluate(**sides, alignment=alignment, **EVERYTHING).metrics
+    # Rounding of coordinates of 40 m, 7e-15 m, in the smallest of 400 errors; 100 of it in degrees
+    assert_close(after, before, 1e-9, 1e-11, but=('ate_none', 'ate_posyaw'))
+
+
+def test_turning_about_the_vertical_changes_nothing_for_posyaw(flight, estimated, evaluate):
+    before = evaluate(estimated(flight), flight, alignment='posyaw', **EVERYTHING).metrics
+    there = moved(estimated(flight), [0, 0, 2.3], [30, -20, 10])
+    after = evaluate(there, flight, alignment='posyaw', **EVERYTHING).metrics
+    assert_close(after, before, 1e-9, 1e-11, but='ate_none')
+
+
+@pytest.mark.parametrize('alignment', ['none', 'origin', 'posyaw', 'se3', 'sim3'])
+def test_coordinates_of_the_size_of_utms_change_nothing(flight, estimated, evaluate, alignment):
+    estimate, shift = estimated(flight), np.zeros(3)
+    before = evaluate(estimate, flight, alignment=alignment, **EVERYTHING)
+    far = [replace(side, positions=side.positions + UTM) for side in (estimate, flight)]
+    after = evaluate(*far, alignment=alignment, **EVERYTHING)
+    # 5.4e6 m is resolved to 1e-9 m
+    assert_close(after.metrics, before.metrics, 1e-6, 5e-9)
+    evaluation = Evaluation(EvaluationConfig(alignment=alignment, **EVERYTHING))
+    for _ in deliver(evaluation, *far, [('ground_truth', 400)] + [('estimate', 50)] * 8):
+        running = evaluation.running()
+    assert running['ate_trans_rmse_m'] == pytest.approx(
+        before.metrics['ate_trans_rmse_m'], rel=1e-6)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(3, 40))
+def test_more_freedom_never_makes_the_error_larger(wandering, estimated, evaluate, seed, count):
+    truth = wandering(np.arange(count) * 50 * MS, seed)
+    metrics = evaluate(estimated(truth, seed + 1, metres=0.5), truth, alignment='origin').metrics
+    errors = [metrics[f'ate_{mode}_trans_rmse_m'] for mode in ('sim3', 'se3', 'posyaw', 'none')]
+    for smaller, larger in zip(errors, errors[1:], strict=False):
+        assert smaller <= larger * (1 + 1e-9)
+    assert errors[1] <= metrics['ate_trans_rmse_m'] * (1 + 1e-9)
+
+
+def test_aligning_on_the_first_seconds_fits_those_and_applies_to_all(flight, estimated, evaluate):
+    estimate = estimated(flight)
+    stamps = estimate.stamps_ns
+    first = estimate[stamps <= stamps[0] + 3_000_000_000]
+    fitted = evaluate(first, flight).alignment
+    frozen = evaluate(estimate, flight, align_first_s=3)
+    np.testing.assert_array_equal(frozen.alignment.rotation, fitted.rotation)
+    np.testing.assert_array_equal(frozen.alignment.translation, fitted.translation)
+    errors = np.linalg.norm(
+        fitted.apply(estimate).positions - flight.positions, axis=1)
+    assert frozen.metrics['ate_trans_rmse_m'] == pytest.approx(np.sqrt(np.mean(errors**2)))
+    assert frozen.metrics['ate_trans_rmse_m'] > frozen.metrics['ate_se3_trans_rmse_m'] * 1.001
+
+
+# Too little
+
+
+def nulls(summary) -> set[str]:
+    return {name for name, value in summary.metrics.items() if math.isnan(value)}
+
+
+@pytest.mark.parametrize('alignment', ALIGNMENTS)
+@pytest.mark.parametrize(('estimate', 'truth', 'why'), [
+    (0, 0, 'no pairs: the estimate has no usable pose'),
+    (0, 5, 'no pairs: the estimate has no usable pose'),
+    (5, 0, 'no pairs: the ground truth has no usable pose'),
+])
+def test_empty_streams_have_no_numbers_and_say_why(flight, evaluate, alignment, estimate, truth, why):
+    evaluation = Evaluation(EvaluationConfig(alignment=alignment))
+    for _ in deliver(evaluation, flight[:estimate], flight[:truth], []):
+        evaluation.running()
+    summary = evaluation.summary()
+    zero = {'rpe_1f_pairs', 'rpe_1s_pairs', 'rpe_10m_pairs', 'kitti_segments'}
+    if truth:
+        zero |= {'coverage_ratio'}
+    if estimate:
+        zero |= {'matched_ratio'}
+    assert set(summary.metrics) - nulls(summary) == zero
+    assert not any(summary.metrics[name] for name in zero)
+    assert evaluation.no_pairs() == why
+    assert math.isnan(summary.association['abs_difference_max_s'])
+    assert list(summary.metrics) == metric_names(evaluation.config)
+
+
+def test_poses_that_are_all_nan_are_counted_and_named(flight, evaluate):
+    broken = replace(flight, positions=np.full_like(flight.positions, np.nan))
+    evaluation = Evaluation(EvaluationConfig())
+    for _ in deliver(evaluation, broken, flight, []):
+        pass
+    assert evaluation.no_pairs() == (
+        'no pairs: the estimate has no usable pose (dropped: 400 non-finite)')
+    assert 'estimate: dropped 400 non-finite' in evaluation.summary().warnings
+    assert math.isnan(evaluation.summary().metrics['ate_trans_rmse_m'])
+
+
+@pytest.mark.parametrize('alignment', ALIGNMENTS)
+@pytest.mark.parametrize('count', [1, 2, 3])
+def test_a_few_pairs_give_what_they_determine(flight, estimated, evaluate, alignment, count):
+    estimate = estimated(flight)
+    summary = evaluate(estimate[:count], flight, alignment=alignment)
+    metrics = summary.metrics
+    assert len(summary.pairs) == count
+    no_scale = alignment == 'sim3' and count == 1
+    undetermined = (alignment in ('se3', 'sim3') and count < 3) or (alignment == 'posyaw' and count < 2)
+    assert math.isnan(metrics['ate_trans_rmse_m']) == no_scale
+    assert math.isnan(metrics['ate_rot_rmse_deg']) == undetermined
+    assert summary.alignment.observable != undetermined
+    assert math.isnan(metrics['rpe_1f_trans_rmse_m']) == (count == 1)
+    assert math.isnan(metrics['rpe_1s_trans_rmse_m'])
+    assert math.isnan(metrics['sim3_scale']) == (count == 1)
+    assert any(f'only {count} pair' in text for text in summary.warnings)
+    if undetermined:
+        assert any('not determined' in text for text in summary.warnings)
+
+
+LINE = np.outer(np.linspace(0, 20, 400), [1, 2, 2])
+
+
+@pytest.mark.parametrize('positions', [LINE, LINE * 0, LINE * 0 + UTM], ids=['line', 'point', 'far'])
+@pytest.mark.parametrize('alignment', ['se3', 'sim3'])
+def test_motion_that_does_not_determine_the_rotation_gives_no_rotation_errors(
+    flight, estimated, evaluate, positions, alignment
+):
+    truth = replace(flight, positions=positions)
+    summary = evaluate(estimated(truth, metres=0.01), truth, alignment=alignment)
+    assert not summary.alignment.observable
+    assert any('stands still or moves along a line' in text for text in summary.warnings)
+    assert math.isfinite(summary.metrics['ate_trans_rmse_m'])
+    assert summary.metrics['ate_sim3_trans_rmse_m'] < 0.03
+    assert {name for name in nulls(summary) if name.startswith('ate_rot')} == {
+        f'ate_rot_{statistic}_deg'
+        for statistic in ('rmse', 'mean', 'median', 'std', 'min', 'max', 'p95')}
+    assert math.isfinite(summary.metrics['rpe_1f_rot_rmse_deg'])
+
+
+def test_an_estimate_that_stands_still_has_no_scale(flight, evaluate):
+    still = replace(flight, positions=np.ones_like(flight.positions))
+    summary = evaluate(still, flight, alignment='sim3')
+    assert math.isnan(summary.alignment.scale)
+    assert math.isnan(summary.metrics['sim3_scale'])
+    assert math.isnan(summary.metrics['ate_trans_rmse_m'])
+    assert math.isnan(summary.metrics['rpe_1f_trans_rmse_m'])
+    assert math.isfinite(summary.metrics['ate_se3_trans_rmse_m'])
+
+
+@pytest.mark.parametrize('columns', [('p', 'pr'), ('pr', 'p'), ('p', 'p')])
+def test_positions_alone_give_errors_of_positions_alone(flight, estimated, evaluate, columns):
+    estimate = estimated(flight)
+    both = evaluate(estimate, flight).metrics
+    summary = evaluate(rows(estimate, columns[0]), rows(flight, columns[1]))
+    for name, value in summary.metrics.items():
+        if '_rot_' in name or ('_trans_' in name and not name.startswith('ate')) \
+                or name.startswith(('drift', 'nees')):
+            assert math.isnan(value), name
+        else:
+            assert value == both[name], name
+    assert summary.alignment.observable
+
+
+def test_origin_without_orientations_has_no_absolute_errors_and_says_so(flight, evaluate):
+    summary = evaluate(rows(flight, 'p'), flight, alignment='origin')
+    assert math.isnan(summary.metrics['ate_trans_rmse_m'])
+    assert summary.metrics['ate_se3_trans_rmse_m'] == pytest.approx(0, abs=1e-12)
+    assert any('origin needs the orientations' in text for text in summary.warnings)
+
+
+# No pairs, and what was dropped
+
+
+def test_without_overlap_both_spans_are_named(flight):
+    evaluation = Evaluation(EvaluationConfig())
+    elsewhere = replace(flight, stamps_ns=flight.stamps_ns - flight.stamps_ns[0] + 12_000_000_000)
+    for _ in deliver(evaluation, elsewhere, flight, []):
+        pass
+    span = (flight.stamps_ns[-1] - flight.stamps_ns[0]) / 1e9
+    assert evaluation.no_pairs() == (
+        f'no pairs within 0.02 s: estimate spans 12.0 to {12 + span:.1f} s, ground truth '
+        f'{flight.stamps_ns[0] / 1e9:.1f} to {flight.stamps_ns[-1] / 1e9:.1f} s; '
+        'are the clocks the same?')
+    assert evaluation.summary().metrics['coverage_ratio'] == 0
+
+
+@pytest.mark.parametrize('deliveries', [[], [('estimate', 1), ('ground_truth', 1)] * 10])
+def test_out_of_tolerance_the_smallest_difference_is_named(wandering, deliveries):
+    truth = wandering(np.arange(10) * 100 * MS)
+    estimate = wandering(np.arange(10) * 100 * MS + np.r_[[50] * 9, 31] * MS)
+    evaluation = Evaluation(EvaluationConfig())
+    for _ in deliver(evaluation, estimate, truth, deliveries):
+        pass
+    text = evaluation.no_pairs()
+    assert 'within 0.02 s: estimate spans 0.1 to 0.9 s, ground truth 0.0 to 0.9 s' in text
+    assert 'the closest stamps are 0.031 s apart' in text
+    assert '--max-difference-s' in text
+
+
+def test_with_interpolation_the_advice_is_about_the_gap(wandering):
+    truth, estimate = wandering(np.arange(4) * 1000 * MS), wandering([500 * MS, 1500 * MS])
+    evaluation = Evaluation(EvaluationConfig(association='interpolate'))
+    for _ in deliver(evaluation, estimate, truth, []):
+        pass
+    text = evaluation.no_pairs()
+    assert 'no gap above 0.5 s' in text
+    assert 'estimate spans 0.5 to 1.5 s, ground truth 0.0 to 3.0 s' in text
+    assert '--association interpolate' not in text
+    assert '--max-difference-s' not in text
+    assert '--max-gap-s' in text
+
+
+def test_whatever_is_dropped_or_mended_is_said(wandering):
+    stamps = np.array([0, 50, 100, 150, 150, 125, 200, 250]) * MS
+    estimate = rows(wandering(stamps))
+    estimate.positions[2] = np.inf
+    estimate.rotations[6] = 0
+    estimate.rotations[7] *= 3
+    evaluation = Evaluation(EvaluationConfig())
+    evaluation.add_ground_truth(wandering(np.arange(6) * 50 * MS))
+    evaluation.add_estimate(estimate, zero_stamps=False)
+    evaluation.running()
+    evaluation.add_estimate(wandering([40 * MS]))
+    evaluation.flush()
+    summary = evaluation.summary()
+    assert summary.warnings[:3] == [
+        'estimate: dropped 1 non-finite, 1 zero-quaternion, 1 zero-stamp, 1 duplicate, 1 late',
+        'estimate: 2 stamps went backwards; sorted',
+        'estimate: 1 quaternions were far from unit length; normalised',
+    ]
+    assert summary.association['pairs'] == 3
+    assert summary.association['unmatched_estimates'] == 1
+    assert summary.association['unmatched_ground_truth'] == 3
+    assert summary.association['matched_ratio'] == 3 / 4
+
+
+def test_differences_of_stamps_are_those_of_the_pairs(wandering, evaluate):
+    truth = wandering(np.arange(20) * 50 * MS)
+    estimate = wandering(np.arange(20) * 50 * MS + np.tile([1, -3], 10) * MS)
+    association = evaluate(estimate, truth).association
+    assert association['pairs'] == 20
+    assert association['abs_difference_mean_s'] == pytest.approx(0.002)
+    assert association['abs_difference_max_s'] == pytest.approx(0.003)
+    interpolated = evaluate(estimate, truth, association='interpolate').association
+    assert interpolated['abs_difference_max_s'] == 0
+    assert math.isnan(interpolated['unmatched_ground_truth'])

@@ -1,0 +1,371 @@
+"""What is measured is what the definitions say, from the poses themselves and by brute force."""
+
+from dataclasses import replace
+import math
+
+from hypothesis import example, given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from vio_eval_ros.core import rotation
+from vio_eval_ros.core.alignment import Moments, solve
+from vio_eval_ros.core.association import Associator
+from vio_eval_ros.core.config import Delta, EvaluationConfig, RPE_PAIRS
+from vio_eval_ros.core.metrics import candidates, METRICS, progress_along, Run
+from vio_eval_ros.core.statistics import STATISTICS, statistics
+from vio_eval_ros.core.trajectory import PairLog, Trajectory
+
+DELTAS = ('1f', '7f', '0.5s', '2s', '3m', '20d')
+NOTHING = Trajectory.empty()
+# of rank 2, but rounding makes the smallest eigenvalue positive
+SINGULAR = np.array([[10.9, 1.3, -0.92], [1.3, 0.2, -0.12], [-0.92, -0.12, 0.08]])
+
+
+def run_of(estimate: Trajectory, truth: Trajectory, config: EvaluationConfig) -> Run:
+    associator, log = Associator(config), PairLog()
+    associator.add_estimate(estimate)
+    associator.add_ground_truth(truth)
+    log.append(associator.flush())
+    moments = Moments.of(log.all())
+    alignment = solve(config.alignment, moments, log.all()[:1])
+    return Run(log.all(), moments, alignment, associator, [])
+
+
+def matrices(trajectory: Trajectory, scale: float = 1.0) -> np.ndarray:
+    """Return (N, 4, 4) poses."""
+    poses = np.tile(np.eye(4), (len(trajectory), 1, 1))
+    poses[:, :3, :3] = rotation.to_matrix(trajectory.rotations)
+    poses[:, :3, 3] = scale * trajectory.positions
+    return poses
+
+
+def turned_by(matrix: np.ndarray) -> np.ndarray:
+    """Return the degrees by which (M, 3, 3) matrices turn."""
+    return np.degrees(np.linalg.norm(
+        rotation.to_rotation_vector(rotation.from_matrix(matrix)), axis=-1
+    ))
+
+
+# Generic: whatever is added to METRICS passes these.
+
+
+@pytest.mark.parametrize('name', METRICS)
+class TestEveryMetric:
+    CONFIG = EvaluationConfig(rpe_deltas=DELTAS, segment_lengths_m=(5, 20), alignment='sim3')
+
+    def full(self, flight, estimated) -> Run:
+        estimate = estimated(flight)
+        covariances = np.tile(np.eye(3), (len(estimate), 2, 1, 1))
+        return run_of(replace(estimate, covariances=covariances), flight, self.CONFIG)
+
+    def test_gives_the_same_names_with_and_without_data(self, name, flight, estimated):
+        empty, full = run_of(NOTHING, NOTHING, self.CONFIG), self.full(flight, estimated)
+        metric = METRICS[name](self.CONFIG)
+        assert list(metric.final(empty)) == list(metric.final(full))
+        assert list(metric.running(empty)) == list(metric.running(full))
+        assert metric.running(full).keys() <= metric.final(full).keys()
+
+    def test_is_a_number_with_data_and_none_without(self, name, flight, estimated):
+        empty, full = run_of(NOTHING, NOTHING, self.CONFIG), self.full(flight, estimated)
+        metric, idle = METRICS[name](self.CONFIG), METRICS[name](self.CONFIG)
+        for values in (metric.final(full), metric.running(full)):
+            assert all(type(value) in (int, float) for value in values.values())
+            # 20 s and some 200 m of path
+            assert not [key for key, value in values.items() if not math.isfinite(value)]
+        for values in (idle.final(empty), idle.running(empty)):
+            counts = [value for value in values.values() if isinstance(value, int)]
+            assert counts == [0] * len(counts)
+            assert all(isinstance(value, int) or math.isnan(value) for value in values.values())
+
+    def test_has_no_memory_of_what_was_asked_before(self, name, flight, estimated):
+        metric, full = METRICS[name](self.CONFIG), self.full(flight, estimated)
+        first = metric.final(full)
+        metric.running(full)
+        assert metric.final(full) == first
+
+
+# Statistics
+
+
+@given(st.lists(st.floats(0, 1e6), min_size=1, max_size=30))
+def test_statistics_are_those_of_numpy(errors):
+    errors = np.array(errors)
+    expected = {
+        'rmse': np.sqrt(np.mean(errors**2)),
+        'mean': errors.mean(),
+        'median': np.median(errors),
+        'std': errors.std(),
+        'min': errors.min(),
+        'max': errors.max(),
+        'p95': np.percentile(errors, 95),
+    }
+    found = statistics(errors)
+    assert tuple(found) == STATISTICS
+    for name, value in expected.items():
+        assert found[name] == pytest.approx(value, rel=1e-9, abs=1e-9 * errors.max()), name
+
+
+@pytest.mark.parametrize('errors', [[], [np.nan], [1.0, np.nan]])
+def test_statistics_of_what_is_no_number_are_none(errors):
+    assert all(math.isnan(value) for value in statistics(np.array(errors)).values())
+
+
+# Absolute errors
+
+
+@pytest.mark.parametrize('metres', [0.0, 0.25])
+@pytest.mark.parametrize('degrees', [0.0, 5.0])
+@pytest.mark.parametrize('scale', [1.0, 0.8])
+def test_a_known_fault_gives_a_known_error(flight, evaluate, metres, degrees, scale):
+    turn = rotation.from_rotation_vector(np.radians([0, 0, degrees]))
+    estimate = replace(
+        flight,
+        positions=scale * flight.positions + [0, 0, metres],
+        rotations=rotation.multiply(turn, flight.rotations),
+    )
+    none = evaluate(estimate, flight, alignment='none').metrics
+    expected = np.linalg.norm((scale - 1) * flight.positions + [0, 0, metres], axis=1)
+    assert none['ate_trans_mean_m'] == pytest.approx(expected.mean(), abs=1e-12)
+    assert none['ate_trans_rmse_m'] == pytest.approx(np.sqrt(np.mean(expected**2)), abs=1e-12)
+    assert none['ate_rot_max_deg'] == pytest.approx(degrees, abs=1e-9)
+    assert none['ate_rot_min_deg'] == pytest.approx(degrees, abs=1e-9)
+    spread = np.sqrt(np.mean(np.sum((flight.positions - flight.positions.mean(0)) ** 2, axis=1)))
+    assert none['ate_se3_trans_rmse_m'] == pytest.approx(abs(1 - scale) * spread, abs=1e-9)
+    assert none['ate_sim3_trans_rmse_m'] == pytest.approx(0, abs=1e-9)
+    assert none['sim3_scale'] == pytest.approx(1 / scale, rel=1e-12)
+
+
+def test_a_turned_world_is_taken_out_of_the_orientations_as_well(flight, evaluate):
+    turn = rotation.from_rotation_vector(np.array([0.3, -1.0, 2.0]))
+    estimate = replace(
+        flight,
+        positions=rotation.rotate(turn, flight.positions),
+        rotations=rotation.multiply(turn, flight.rotations),
+    )
+    metrics = evaluate(estimate, flight).metrics
+    assert metrics['ate_rot_max_deg'] < 1e-10
+    # a sensor that is turned on the body stays turned, whatever the world
+    mounted = rotation.multiply(estimate.rotations, rotation.from_rotation_vector(
+        np.radians([0, 30.0, 0])))
+    metrics = evaluate(replace(estimate, rotations=mounted), flight).metrics
+    assert metrics['ate_rot_min_deg'] == pytest.approx(30, abs=1e-9)
+    assert metrics['ate_rot_max_deg'] == pytest.approx(30, abs=1e-9)
+
+
+# Relative errors
+
+
+def _along(unit: str, steps: list[int]) -> np.ndarray:
+    """Return how far poses are along, in quarters of a delta of 1 (tenths for seconds)."""
+    if unit == 'f':
+        return np.arange(len(steps))
+    along = np.cumsum(steps) - steps[0]
+    return along * 100_000_000 if unit == 's' else along / 4
+
+
+def _brute_force(along: np.ndarray, step: float, mode: str, exact: bool) -> list[tuple[int, int]]:
+    def nearest(place):
+        return int(np.argmin(np.abs(along - place)))  # the first of those as near
+
+    def near_enough(i, j):
+        return j > i and 10 * abs(along[j] - along[i] - step) <= (0 if exact else step)
+
+    if mode == 'all':
+        motions = [(i, nearest(along[i] + step)) for i in range(len(along))]
+    else:
+        poses = []
+        for mark in range(int(along[-1] / step) + 2):
+            pose = nearest(mark * step)
+            reached = 2 * abs(along[pose] - mark * step) <= step
+            poses.append(pose if reached else None)
+        motions = [pair for pair in zip(poses, poses[1:], strict=False) if None not in pair]
+    return [pair for pair in motions if near_enough(*pair)]
+
+
+@given(
+    st.sampled_from('fsmd'),
+    st.sampled_from(RPE_PAIRS),
+    st.lists(st.integers(0, 14), min_size=1, max_size=40),
+    st.integers(1, 5),
+)
+@example('s', 'sequential', [0, 10, 10, 15, 10, 10, 10, 10], 1).via('1 Hz, shifted by half a step')
+def test_motions_lead_to_the_first_pose_nearest_to_a_delta_further(unit, mode, steps, delta):
+    along = _along(unit, steps)
+    found = candidates(along, Delta(float(delta), unit), mode)
+    step = delta * 1_000_000_000 if unit == 's' else delta
+    motions = zip(found.begin[found.usable].tolist(), found.end[found.usable].tolist(),
+                  strict=True)
+    assert list(motions) == _brute_force(along, step, mode, exact=unit == 'f')
+
+
+def test_deltas_are_measured_along_the_ground_truth_and_the_stamps_of_the_estimate(
+    flight, estimated
+):
+    run = run_of(estimated(flight), flight, EvaluationConfig())
+    estimate, truth = run.pairs.estimate, run.pairs.ground_truth
+    path, turned = [0.0], [0.0]
+    for i in range(1, len(truth)):
+        path.append(path[-1] + math.dist(truth.positions[i], truth.positions[i - 1]))
+        between = rotation.multiply(rotation.conjugate(truth.rotations[i - 1]), truth.rotations[i])
+        turned.append(turned[-1] + math.degrees(np.linalg.norm(
+            rotation.to_rotation_vector(between))))
+    np.testing.assert_array_equal(progress_along(run.pairs, 'f'), np.arange(len(truth)))
+    np.testing.assert_array_equal(
+        progress_along(run.pairs, 's'), estimate.stamps_ns - estimate.stamps_ns[0])
+    np.testing.assert_allclose(progress_along(run.pairs, 'm'), path, rtol=1e-12)
+    np.testing.assert_allclose(progress_along(run.pairs, 'd'), turned, rtol=1e-12)
+
+
+@pytest.mark.parametrize('mode', RPE_PAIRS)
+@pytest.mark.parametrize('alignment', ['none', 'se3', 'sim3'])
+def test_relative_errors_are_those_of_composed_poses(flight, estimated, mode, alignment):
+    config = EvaluationConfig(rpe_deltas=DELTAS, rpe_pairs=mode, alignment=alignment)
+    run = run_of(estimated(flight), flight, config)
+    metrics = METRICS['rpe'](config).final(run)
+    p = matrices(run.pairs.estimate, run.alignment.scale)
+    g = matrices(run.pairs.ground_truth)
+    aligned = run.alignment.apply(run.pairs.estimate).positions
+    for delta in map(Delta.parse, DELTAS):
+        found = candidates(progress_along(run.pairs, delta.unit), delta, mode)
+        i, j = found.begin[found.usable], found.end[found.usable]
+        assert metrics[f'rpe_{delta}_pairs'] == len(i) > 2
+        error = np.linalg.inv(np.linalg.inv(g[i]) @ g[j]) @ (np.linalg.inv(p[i]) @ p[j])
+        for kind, errors in {
+            'trans_{}_m': np.linalg.norm(error[:, :3, 3], axis=1),
+            'rot_{}_deg': turned_by(error[:, :3, :3]),
+            'disp_{}_m': np.linalg.norm(aligned[j] - aligned[i] - (g[j] - g[i])[:, :3, 3], axis=1),
+            'dist_{}_m': np.abs(np.linalg.norm((p[j] - p[i])[:, :3, 3], axis=1)
+                                - np.linalg.norm((g[j] - g[i])[:, :3, 3], axis=1)),
+        }.items():
+            for statistic, value in statistics(errors).items():
+                name = f'rpe_{delta}_{kind.format(statistic)}'
+                # the smallest distances and angles are differences of numbers around 1
+                assert metrics[name] == pytest.approx(value, rel=1e-9, abs=1e-11), name
+
+
+def test_relative_errors_do_not_depend_on_an_alignment_without_scale(flight, estimated, evaluate):
+    metrics = [evaluate(estimated(flight), flight, alignment=mode).metrics
+               for mode in ('none', 'origin', 'posyaw', 'se3')]
+    for name, value in metrics[0].items():
+        if name.startswith(('rpe', 'segment', 'kitti', 'drift')) and 'disp' not in name:
+            assert [other[name] for other in metrics] == [value] * 4
+
+
+def test_motions_over_a_gap_are_counted_for_frames_only(flight, evaluate):
+    gap = np.r_[0:100, 130:400]  # 30 poses of 50 ms are missing
+    warnings = evaluate(flight[gap], flight, rpe_deltas=('1f', '10f', '1s')).warnings
+    assert [text for text in warnings if 'bridge' in text] == [
+        'rpe_1f: 1 of 369 relative motions bridge a gap longer than 0.5 s',
+        'rpe_10f: 10 of 360 relative motions bridge a gap longer than 0.5 s',
+    ]
+
+
+def test_a_delta_that_no_two_poses_are_apart_is_said(flight, evaluate):
+    summary = evaluate(flight, flight, rpe_deltas=('1f', '100s'))
+    assert 'rpe_100s: no two pairs are 100s apart' in summary.warnings
+    assert summary.metrics['rpe_100s_pairs'] == 0
+    assert math.isnan(summary.metrics['rpe_100s_trans_rmse_m'])
+
+
+# Segments and path
+
+
+def test_segments_are_those_of_the_kitti_devkit(flight, estimated):
+    config = EvaluationConfig(segment_lengths_m=(5, 20), alignment='none')
+    run = run_of(estimated(flight), flight, config)
+    metrics = METRICS['segments'](config).final(run)
+    path = progress_along(run.pairs, 'm')
+    p, g = matrices(run.pairs.estimate), matrices(run.pairs.ground_truth)
+    for name, over in (('segment_5m', [5]), ('segment_20m', [20]),
+                       ('kitti', range(100, 900, 100))):
+        drift, turn = [], []
+        for length in over:
+            for i in range(0, len(path), 10):
+                beyond = [j for j in range(i, len(path)) if path[j] > path[i] + length]
+                if beyond:
+                    j = beyond[0]
+                    error = np.linalg.inv(np.linalg.inv(p[i]) @ p[j]) @ np.linalg.inv(g[i]) @ g[j]
+                    drift.append(np.linalg.norm(error[:3, 3]) / length)
+                    turn.append(float(turned_by(error[None, :3, :3])[0]) / length)
+        assert metrics[f'{name}_segments'] == len(drift) > 0
+        assert metrics[f'{name}_trans_percent'] == pytest.approx(100 * np.mean(drift), rel=1e-9)
+        assert metrics[f'{name}_rot_deg_per_m'] == pytest.approx(np.mean(turn), rel=1e-9)
+
+
+def test_drift_is_the_error_at_the_end_in_percent_of_the_path(evaluate):
+    truth = Trajectory(np.arange(5) * 10**7, np.outer(np.arange(5.0), [3, 4, 0]),
+                       np.tile([0.0, 0, 0, 1], (5, 1)))
+    estimate = replace(truth, positions=truth.positions * 1.1)
+    metrics = evaluate(estimate, truth).metrics
+    assert metrics['path_length_m'] == pytest.approx(20, rel=1e-12)
+    assert metrics['drift_percent'] == pytest.approx(10, rel=1e-12)
+
+
+# Consistency
+
+
+def consistent(count: int, seed: int) -> tuple[Trajectory, Trajectory]:
+    """Return an estimate whose errors are drawn from the covariances that it states, and truth."""
+    rng = np.random.default_rng(seed)
+    factors = (rng.normal(size=(count, 2, 3, 3)) + 5 * np.eye(3)) * [[[0.03]], [[0.004]]]
+    errors = np.squeeze(factors @ rng.normal(size=(count, 2, 3, 1)), -1)
+    truth = Trajectory(np.arange(count) * 10**7, rng.normal(0, 5, (count, 3)),
+                       rotation.normalize(rng.normal(size=(count, 4))))
+    # orientation errors are rotations about the fixed axes of the world, as ROS has it
+    rotations = rotation.multiply(rotation.from_rotation_vector(errors[:, 1]), truth.rotations)
+    covariances = factors @ np.swapaxes(factors, -1, -2)
+    return replace(truth, positions=truth.positions + errors[:, 0], rotations=rotations,
+                   covariances=covariances), truth
+
+
+@pytest.mark.parametrize('alignment', ['none', 'se3', 'sim3'])
+def test_the_nees_of_a_consistent_estimate_is_about_3(evaluate, alignment):
+    metrics = evaluate(*consistent(4000, 0), alignment=alignment).metrics
+    # five standard deviations of the mean of 4000 chi-squares of 3 degrees of freedom
+    assert metrics['nees_position_mean'] == pytest.approx(3, abs=5 * math.sqrt(6 / 4000))
+    assert metrics['nees_orientation_mean'] == pytest.approx(3, abs=5 * math.sqrt(6 / 4000))
+
+
+@pytest.mark.parametrize(('alignment', 'scale'), [('se3', 1.0), ('origin', 1.0), ('sim3', 2.5)])
+def test_nees_does_not_depend_on_the_world_of_the_estimate(evaluate, alignment, scale):
+    estimate, truth = consistent(300, 1)
+    turn = rotation.from_rotation_vector(np.array([0.5, 1.0, -2.0]))
+    matrix = rotation.to_matrix(turn)
+    covariances = matrix @ estimate.covariances @ matrix.T * [[[scale**2]], [[1.0]]]
+    moved = Trajectory(
+        estimate.stamps_ns, scale * rotation.rotate(turn, estimate.positions) + [7, 8, 9],
+        rotation.multiply(turn, estimate.rotations), covariances,
+    )
+    here, there = (evaluate(e, truth, alignment=alignment).metrics for e in (estimate, moved))
+    for name in ('nees_position_mean', 'nees_orientation_mean'):
+        assert there[name] == pytest.approx(here[name], rel=1e-8), name
+
+
+def test_nees_takes_each_block_for_its_own_error(evaluate):
+    estimate, truth = consistent(300, 2)
+    before = evaluate(estimate, truth, alignment='none').metrics
+    doubled = estimate.covariances * [[[4.0]], [[9.0]]]
+    after = evaluate(replace(estimate, covariances=doubled), truth, alignment='none').metrics
+    for name, factor in (('nees_position_mean', 4), ('nees_orientation_mean', 9)):
+        assert after[name] == pytest.approx(before[name] / factor, rel=1e-9)
+
+
+@pytest.mark.parametrize('unusable', [np.zeros((3, 3)), np.diag([1.0, -1, 1]),
+                                      np.full((3, 3), np.nan), SINGULAR])
+def test_nees_leaves_out_covariances_that_are_none(evaluate, unusable):
+    estimate, truth = consistent(100, 3)
+    covariances = estimate.covariances.copy()
+    covariances[::2, 0] = unusable
+    summary = evaluate(replace(estimate, covariances=covariances), truth, alignment='none')
+    kept = evaluate(estimate[1::2], truth, alignment='none').metrics
+    assert summary.metrics['nees_position_mean'] == pytest.approx(
+        kept['nees_position_mean'], rel=1e-9)
+    assert math.isfinite(summary.metrics['nees_orientation_mean'])
+    assert any(text.startswith('nees_position: 50 of 100 covariances') for text in summary.warnings)
+
+
+def test_nees_of_an_estimate_without_scale_is_not_a_number(evaluate):
+    estimate, truth = consistent(20, 4)
+    nowhere = replace(truth, positions=np.zeros((20, 3)))
+    assert math.isnan(evaluate(estimate, nowhere, alignment='scale').metrics['nees_position_mean'])

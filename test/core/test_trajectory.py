@@ -1,0 +1,150 @@
+"""Poses are brought into shape without losing one uncounted; the log of pairs keeps all."""
+
+from dataclasses import asdict
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from vio_eval_ros.core.trajectory import clean, Cleaning, PairLog, Pairs, Poses, Trajectory
+
+IDENTITY = [0.0, 0.0, 0.0, 1.0]
+ARRIVALS = st.lists(st.tuples(st.integers(0, 12), st.sampled_from(['good', 'nan', 'zero', 'long'])))
+
+
+def poses(stamps, rotations=None):
+    """Return poses whose x is the place in which they arrived."""
+    stamps = np.array(stamps, np.int64)
+    positions = np.zeros((len(stamps), 3))
+    positions[:, 0] = np.arange(len(stamps))
+    if rotations is None:
+        rotations = [IDENTITY] * len(stamps)
+    return Poses(stamps, positions, np.array(rotations, float).reshape(-1, 4))
+
+
+def counted(counts: Cleaning) -> dict[str, int]:
+    return {reason: count for reason, count in asdict(counts).items() if count}
+
+
+def test_of_equal_stamps_the_first_stays_and_all_are_sorted():
+    counts = Cleaning()
+    cleaned = clean(poses([20, 10, 20, 10, 30]), counts)
+    assert cleaned.stamps_ns.tolist() == [10, 20, 30]
+    assert cleaned.positions[:, 0].tolist() == [1, 0, 4]
+    assert counted(counts) == {'duplicate': 2, 'went_backwards': 2}
+    assert counts.dropped['duplicate'] == 2
+    assert 'went_backwards' not in counts.dropped
+
+
+def test_backwards_is_told_across_batches():
+    counts = Cleaning()
+    clean(poses([5, 6]), counts, newest_ns=7)
+    assert counts.went_backwards == 2
+
+
+@pytest.mark.parametrize('value', [np.nan, np.inf, -np.inf, 1e200])
+def test_a_number_that_is_none_or_whose_square_is_none_drops_the_pose(value):
+    counts = Cleaning()
+    broken = poses([1, 2, 3])
+    broken.positions[1, 2] = value
+    broken.rotations[2, 0] = value
+    assert clean(broken, counts).stamps_ns.tolist() == [1]
+    assert counted(counts) == {'non_finite': 2}
+
+
+def test_quaternions_of_no_length_are_dropped_and_others_normalised():
+    counts = Cleaning()
+    four = [[0, 0, 0, 0], [0, 0, 0, 9e-7], [0, 0, 3, 4], [0, 0, 0, 1.009]]
+    cleaned = clean(poses([1, 2, 3, 4], four), counts)
+    assert cleaned.stamps_ns.tolist() == [3, 4]
+    np.testing.assert_allclose(cleaned.rotations, [[0, 0, 0.6, 0.8], IDENTITY])
+    assert counted(counts) == {'zero_quaternion': 2, 'scaled_quaternion': 1}
+
+
+def test_zero_stamps_are_kept_or_dropped_as_told():
+    counts = Cleaning()
+    assert len(clean(poses([0, 1]), counts)) == 2
+    assert counted(counts) == {}
+    assert len(clean(poses([0, 1]), counts, zero_stamps=False)) == 1
+    assert counted(counts) == {'zero_stamp': 1}
+
+
+def test_positions_alone_have_no_orientation():
+    cleaned = clean(Poses(np.array([2, 1]), np.ones((2, 3))), Cleaning())
+    assert cleaned.rotations is None
+    assert cleaned.stamps_ns.tolist() == [1, 2]
+
+
+@given(ARRIVALS)
+def test_every_pose_is_kept_or_counted_once_whatever_is_wrong_with_it(arrivals):
+    received = poses([stamp for stamp, _ in arrivals])
+    for k, (_, kind) in enumerate(arrivals):
+        if kind == 'nan':
+            received.positions[k] = np.nan
+        elif kind != 'good':
+            received.rotations[k] *= 0 if kind == 'zero' else 2
+    counts = Cleaning()
+    cleaned = clean(received, counts)
+    kinds = [kind for _, kind in arrivals]
+    usable = [stamp for stamp, kind in arrivals if kind in ('good', 'long')]
+    assert cleaned.stamps_ns.tolist() == sorted(set(usable))
+    np.testing.assert_allclose(np.linalg.norm(cleaned.rotations, axis=1), 1)
+    assert counts.non_finite == kinds.count('nan')
+    assert counts.zero_quaternion == kinds.count('zero')
+    assert counts.scaled_quaternion == kinds.count('long')
+    assert len(cleaned) + sum(counts.dropped.values()) == len(received)
+
+
+def test_selecting_and_joining_keep_the_columns_together():
+    covariances = np.arange(3 * 18, dtype=float).reshape(3, 2, 3, 3)
+    whole = Trajectory(np.arange(3), np.eye(3), np.eye(4)[:3], covariances)
+    joined = Trajectory.concatenate([whole[:1], Trajectory.empty(), whole[1:]])
+    for name in ('stamps_ns', 'positions', 'rotations', 'covariances'):
+        np.testing.assert_array_equal(getattr(joined, name), getattr(whole, name))
+    assert Trajectory.concatenate([whole, Trajectory(np.array([9]), np.ones((1, 3)))]).rotations \
+        is None
+    assert len(Trajectory.concatenate([Trajectory.empty(), Trajectory.empty()])) == 0
+
+
+@given(st.lists(st.integers(0, 5), max_size=12))
+def test_the_log_returns_all_pairs_in_order_whatever_the_batches(sizes):
+    count = sum(sizes)
+    rng = np.random.default_rng(count)
+    whole = Pairs(
+        *(Trajectory(np.arange(count), rng.normal(size=(count, 3)), rng.normal(size=(count, 4)))
+          for _ in range(2)),
+        rng.normal(size=(count, 4)),
+    )
+    log, begin = PairLog(), 0
+    for size in sizes:
+        log.append(whole[begin:begin + size])
+        begin += size
+        read = log.all()
+        assert len(read) == begin
+    if count:
+        np.testing.assert_array_equal(read.turns, whole.turns)
+        np.testing.assert_array_equal(read.estimate.stamps_ns, whole.estimate.stamps_ns)
+        np.testing.assert_array_equal(read.ground_truth.positions, whole.ground_truth.positions)
+        np.testing.assert_array_equal(read.ground_truth.rotations, whole.ground_truth.rotations)
+
+
+def test_a_column_that_one_batch_lacks_is_lost_for_the_whole_log():
+    log = PairLog()
+    log.append(Pairs.of(*(clean(poses([1, 2]), Cleaning()) for _ in range(2))))
+    log.append(Pairs.of(Trajectory(np.array([3]), np.ones((1, 3))), clean(poses([3]), Cleaning())))
+    pairs = log.all()
+    assert len(pairs) == 3
+    assert pairs.turns is None
+    assert pairs.estimate.rotations is None
+    assert pairs.ground_truth.rotations is not None
+
+
+def test_what_was_read_from_the_log_does_not_change_when_it_grows():
+    log = PairLog()
+    for stamp in range(40):
+        log.append(Pairs.of(*(clean(poses([stamp]), Cleaning()) for _ in range(2))))
+        if stamp == 4:
+            early = log.all()
+    assert early.estimate.stamps_ns.tolist() == [0, 1, 2, 3, 4]
+    assert log.all().estimate.stamps_ns.tolist() == list(range(40))
