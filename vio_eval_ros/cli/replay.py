@@ -194,7 +194,7 @@ def _written(target: Target, render: Callable[[], str]) -> bool:
 
 def _series(config: EvaluationConfig, estimate: Source, truth: Source) -> str:
     """Return a row of running values for each second in which a pose arrived, as CSV."""
-    lines = []
+    lines: list[str] = []
     for stamp_ns, values in running_series(
         config, estimate.poses, truth.poses, (estimate.zero_stamps, truth.zero_stamps)
     ):

@@ -13,14 +13,15 @@ Live node, ``replay`` and ``score`` all drive this one class::
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 import math
+from typing import Any
 
 import numpy as np
 
 from vio_eval_ros.core.alignment import Alignment, Moments, solve
-from vio_eval_ros.core.association import Associator, nanoseconds, Stream
+from vio_eval_ros.core.association import Associator, BEFORE_ALL, nanoseconds, Stream
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.metrics import METRICS, Run
 from vio_eval_ros.core.trajectory import PairLog, Pairs, Poses
@@ -205,40 +206,111 @@ def metric_names(config: EvaluationConfig) -> list[str]:
     return list(Evaluation(config).summary().metrics)
 
 
+class RunningSeries:
+    """
+    An evaluation that gives its running values once for every whole second of stamps.
+
+    Poses may come in batches of any size: what belongs to a second is evaluated when both streams
+    have passed it. So a live series has the rows that a recording of it has.
+    """
+
+    def __init__(self, config: EvaluationConfig) -> None:
+        self.evaluation = Evaluation(config)
+        self._offset_ns = nanoseconds(config.time_offset_s)
+        self._estimate = _Held(self.evaluation.add_estimate)
+        self._ground_truth = _Held(self.evaluation.add_ground_truth)
+
+    def add_estimate(self, poses: Poses, zero_stamps: bool = True) -> None:
+        """Add a batch of estimated poses; ``zero_stamps`` False drops those stamped 0."""
+        self._estimate.hold(poses, poses.stamps_ns + self._offset_ns, zero_stamps)
+
+    def add_ground_truth(self, poses: Poses, zero_stamps: bool = True) -> None:
+        """Add a batch of true poses; ``zero_stamps`` False drops those stamped 0."""
+        self._ground_truth.hold(poses, poses.stamps_ns, zero_stamps)
+
+    def rows(self) -> Iterator[tuple[int, dict[str, float]]]:
+        """Yield stamp and running values of every second that both streams have passed."""
+        passed_ns = min(self._estimate.newest_ns, self._ground_truth.newest_ns)
+        for stamp_ns in self._seconds():
+            if stamp_ns <= passed_ns:
+                self._release(stamp_ns)
+                yield stamp_ns, self.evaluation.running()
+
+    def rest(self) -> Iterator[tuple[int, dict[str, float]]]:
+        """Yield the rows that are left at the end of both streams; the last has final values."""
+        for stamp_ns in self._seconds()[:-1]:
+            self._release(stamp_ns)
+            yield stamp_ns, self.evaluation.running()
+        newest_ns = max(self._estimate.newest_ns, self._ground_truth.newest_ns)
+        self._release(newest_ns)
+        self.evaluation.flush()
+        summary = self.evaluation.summary()
+        final = {'pairs': len(summary.pairs)} | summary.metrics
+        yield newest_ns, {name: final[name] for name in self.evaluation.running()}
+
+    def _seconds(self) -> list[int]:
+        """Return the whole seconds by which the poses held have arrived."""
+        clocks = [*self._estimate.clocks, *self._ground_truth.clocks]
+        if not clocks:
+            return []
+        seconds = np.unique(-(-np.concatenate(clocks) // SECOND_NS)) * SECOND_NS
+        return [int(second) for second in seconds]
+
+    def _release(self, until_ns: int) -> None:
+        """Evaluate the poses up to a stamp."""
+        self._estimate.release(until_ns)
+        self._ground_truth.release(until_ns)
+
+
 def running_series(
     config: EvaluationConfig,
     estimate: Poses,
     ground_truth: Poses,
     zero_stamps: tuple[bool, bool] = (True, True),
 ) -> Iterator[tuple[int, dict[str, float]]]:
-    """
-    Yield stamp and running values as a live evaluation would have had them, second by second.
-
-    A row stands at every whole second of stamps by which new poses have arrived. The last one
-    stands at the newest stamp and has the final values.
-    """
-    offset_ns = nanoseconds(config.time_offset_s)
-    streams = [
+    """Yield the rows of a series of two whole streams, as if they had arrived in order."""
+    series = RunningSeries(config)
+    ordered = [
         poses[np.argsort(poses.stamps_ns, kind='stable')] for poses in (estimate, ground_truth)
     ]
-    clocks = [streams[0].stamps_ns + offset_ns, streams[1].stamps_ns]
-    ticks = np.unique(-(-np.concatenate(clocks) // SECOND_NS)) * SECOND_NS
-    ends = [np.searchsorted(clock, ticks, side='right').tolist() for clock in clocks]
-    evaluation, begins = Evaluation(config), [0, 0]
-    for stamp_ns, *end in zip(ticks[:-1].tolist(), *ends, strict=False):
-        evaluation.add_estimate(streams[0][begins[0] : end[0]], zero_stamps[0])
-        evaluation.add_ground_truth(streams[1][begins[1] : end[1]], zero_stamps[1])
-        begins = end
-        yield stamp_ns, evaluation.running()
-    evaluation.add_estimate(streams[0][begins[0] :], zero_stamps[0])
-    evaluation.add_ground_truth(streams[1][begins[1] :], zero_stamps[1])
-    evaluation.flush()
-    summary = evaluation.summary()
-    final = {'pairs': len(summary.pairs)} | summary.metrics
-    yield (
-        max(int(clock[-1]) for clock in clocks if len(clock)),
-        {name: final[name] for name in evaluation.running()},
-    )
+    series.add_estimate(ordered[0], zero_stamps[0])
+    series.add_ground_truth(ordered[1], zero_stamps[1])
+    yield from series.rest()
+
+
+class _Held:
+    """Poses of a stream that wait for their second to be over."""
+
+    def __init__(self, add: Callable[[Poses, bool], None]) -> None:
+        self.newest_ns = BEFORE_ALL
+        self.clocks: list[np.ndarray] = []
+        self._poses: list[Poses] = []
+        self._zero_stamps = True
+        self._add = add
+
+    def hold(self, poses: Poses, clock_ns: np.ndarray, zero_stamps: bool) -> None:
+        """Add poses and the stamps by which they are ordered."""
+        if not len(poses):
+            return
+        self.newest_ns = max(self.newest_ns, int(clock_ns.max()))
+        self.clocks.append(clock_ns)
+        self._poses.append(poses)
+        self._zero_stamps = zero_stamps
+
+    def release(self, until_ns: int) -> None:
+        """Hand on the poses up to a stamp."""
+        if not self._poses:
+            return
+        poses, clock = self._poses[0], self.clocks[0]
+        if len(self._poses) > 1:
+            poses, clock = Poses.concatenate(self._poses), np.concatenate(self.clocks)
+        # slices of what is in order copy nothing, however much is held
+        in_order = bool((np.diff(clock) >= 0).all())
+        end = int(np.searchsorted(clock, until_ns, side='right')) if in_order else 0
+        over: Any = slice(end) if in_order else clock <= until_ns
+        rest: Any = slice(end, None) if in_order else clock > until_ns
+        self._add(poses[over], self._zero_stamps)
+        self._poses, self.clocks = [poses[rest]], [clock[rest]]
 
 
 def _only(pairs: int) -> str:
