@@ -201,7 +201,7 @@ THICK = LINE + np.outer(np.sin(np.arange(20)), [3, 0, -1])
         (np.zeros((20, 3)), False, False),
         (THICK * 1e-9, False, False),
         (LINE, False, True),
-        (LINE + (THICK - LINE) * 1e-5, False, True),
+        (LINE + (THICK - LINE) * 1e-3, False, True),
         (LINE + (THICK - LINE) * 1e-1, True, True),
         (np.outer(np.arange(20.0), [0, 0, 1]), False, False),
         (THICK * [1, 1, 0] + UTM, True, True),

@@ -15,6 +15,7 @@ from vio_eval_ros.core.trajectory import PairLog, Pairs, Poses
 from vio_eval_ros.errors import ConfigError
 
 MS = 1_000_000
+TURN_X_90 = [math.sqrt(0.5), 0.0, 0.0, math.sqrt(0.5)]
 TURN_Z_90 = [0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)]
 
 # A stream is the steps [ms] between its stamps; a step of 0 repeats a stamp.
@@ -43,6 +44,12 @@ def poses(milliseconds, rotations: bool = True) -> Poses:
     rng = np.random.default_rng(len(stamps))
     position, quaternion = rng.normal(size=(len(stamps), 3)), rng.normal(size=(len(stamps), 4))
     return Poses(stamps, position, rotation.normalize(quaternion) if rotations else None)
+
+
+def squares(milliseconds) -> Poses:
+    """Return positions that follow from the stamps, and not along a line in time."""
+    stamps = np.array(milliseconds, np.int64) * MS
+    return Poses(stamps, np.outer(np.array(milliseconds) ** 2, [1.0, 2.0, 3.0]))
 
 
 def associate(
@@ -126,17 +133,32 @@ def test_pairs_and_counts_do_not_depend_on_order_and_batches_of_arrival(
     np.testing.assert_array_equal(second.coverage_ratio(), first.coverage_ratio())
 
 
-@given(JUMPING, JUMPING, DELIVERIES)
-@example(  # truth arrives between an estimate and the next, when the estimate has its partner
-    [1, 3], [0, 4, 2], [('ground_truth', 2), ('estimate', 1), ('ground_truth', 1)]
+@given(JUMPING, JUMPING, st.lists(st.booleans()), st.sampled_from(['nearest', 'interpolate']))
+@example(  # truth comes between an estimate that could have its partner and the next
+    [1, 3], [0, 4, 2], [False, False, True, False, True], 'nearest'
 ).via('found by hand')
-def test_no_pose_is_paired_twice_even_when_stamps_go_backwards(estimate, truth, deliveries):
-    estimate, truth = poses(np.array(estimate) * 10 + 4), poses(np.array(truth) * 10)
-    pairs, associator = associate(estimate, truth, deliveries, max_difference_s=0.03)
-    for side, received in (('estimate', estimate), ('ground_truth', truth)):
-        assert (np.diff(getattr(pairs, side).stamps_ns) > 0).all()
-        stream = getattr(associator, side)
-        assert stream.settled + stream.counts.late == len(received)
+def test_stamps_that_go_backwards_change_nothing_unless_they_come_late(
+    estimate, truth, turns, association
+):
+    options = {'association': association, 'max_difference_s': 0.03, 'max_gap_s': 0.03}
+    associator, log = Associator(EvaluationConfig(**options)), PairLog()
+    add = {'estimate': associator.add_estimate, 'ground_truth': associator.add_ground_truth}
+    waiting = {'estimate': [10 * e + 4 for e in estimate], 'ground_truth': [10 * g for g in truth]}
+    kept = {'estimate': [], 'ground_truth': []}
+    for ours in [*turns, *[True] * len(estimate), *[False] * len(truth)]:
+        side = 'estimate' if ours else 'ground_truth'
+        counts = getattr(associator, side).counts
+        late = counts.late
+        for stamp in waiting[side][:1]:
+            add[side](squares([stamp]))
+            log.append(associator.decide())
+            if counts.late == late:
+                kept[side].append(stamp)
+        del waiting[side][:1]
+    log.append(associator.flush())
+    pairs, _ = associate(squares(kept['estimate']), squares(kept['ground_truth']), **options)
+    assert in_ms(log.all()) == in_ms(pairs)
+    np.testing.assert_array_equal(log.all().ground_truth.positions, pairs.ground_truth.positions)
 
 
 def test_the_pose_between_two_others_goes_to_the_earlier():
@@ -252,11 +274,12 @@ def test_what_comes_after_the_flush_is_late():
 def test_the_body_pose_is_multiplied_from_the_right():
     tracked = Poses(np.array([0]), np.array([[1.0, 2, 3]]), np.array([TURN_Z_90]))
     pairs, _ = associate(
-        tracked, poses([0]), estimate_to_body=(1, 0, 0, *TURN_Z_90), max_difference_s=0
+        tracked, poses([0]), estimate_to_body=(1, 0, 0, *TURN_X_90), max_difference_s=0
     )
     np.testing.assert_allclose(pairs.estimate.positions, [[1, 3, 3]])
-    np.testing.assert_allclose(rotation.to_rotation_vector(pairs.estimate.rotations),
-                               [[0, 0, math.pi]])
+    # the body's z axis looks along the tracked frame's -y, and that along the world's x
+    np.testing.assert_allclose(
+        rotation.rotate(pairs.estimate.rotations, np.array([0.0, 0, 1])), [[1, 0, 0]], atol=1e-15)
 
 
 def test_positions_alone_cannot_be_moved_to_another_frame():
@@ -281,6 +304,7 @@ SECOND = list(range(0, 1001, 10))
         (SECOND[::3][:11] + SECOND[::3][13:], 0.99),  # a gap of 90 ms
         (SECOND[::3][:11] + SECOND[::3][14:], 0.87),  # a gap of 120 ms
         ([*range(0, 501, 10), 1000], 0.5),
+        ([0, 10, 20, 30, 80, 130, 210], 0.21),  # its median is 30 ms: a gap of 80 ms counts
         (SECOND[:1], 0.0),
         ([], 0.0),
         ([2000, 2010, 2020], 0.0),

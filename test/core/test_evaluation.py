@@ -152,6 +152,20 @@ def test_running_values_without_orientations_are_those_of_the_summary(flight, es
     assert math.isnan(running['ate_rot_rmse_deg'])
 
 
+@pytest.mark.parametrize('alignment', ALIGNMENTS)
+def test_running_values_get_over_an_estimate_that_stands_still_at_first(flight, alignment):
+    # as a monocular system does until it has initialised, and then at a scale of its own
+    moving = np.arange(len(flight))[:, None] >= 120
+    positions = 0.2 * (flight.positions - flight.positions[120])
+    estimate = replace(flight, positions=np.where(moving, positions, 0.0))
+    evaluation = Evaluation(EvaluationConfig(alignment=alignment, rpe_deltas=DELTAS))
+    for _ in deliver(evaluation, estimate, flight, [('ground_truth', 400)] + [('estimate', 50)] * 8):
+        running, metrics = evaluation.running(), evaluation.summary().metrics
+        del running['pairs']
+        assert_close(running, {name: metrics[name] for name in running}, 1e-9, 1e-12)
+    assert math.isfinite(running['rpe_7f_trans_rmse_m'])
+
+
 def test_the_series_has_a_row_a_second_and_ends_with_the_summary(flight, estimated, evaluate):
     estimate = estimated(flight)
     series = list(running_series(EvaluationConfig(), estimate, flight))
@@ -339,6 +353,19 @@ def test_positions_alone_give_errors_of_positions_alone(flight, estimated, evalu
         else:
             assert value == both[name], name
     assert summary.alignment.observable
+
+
+@pytest.mark.parametrize('rpe_pairs', RPE_PAIRS)
+@pytest.mark.parametrize('side', ['estimate', 'ground_truth'])
+def test_a_pose_in_another_galaxy_raises_no_warnings(flight, estimated, rpe_pairs, side):
+    sides = {'estimate': estimated(flight), 'ground_truth': flight}
+    positions = sides[side].positions.copy()
+    positions[200] = [1e30, -1e30, 0]
+    sides[side] = replace(sides[side], positions=positions)
+    evaluation = Evaluation(EvaluationConfig(rpe_pairs=rpe_pairs, **EVERYTHING))
+    for _ in deliver(evaluation, *sides.values(), [('estimate', 100), ('ground_truth', 100)] * 4):
+        assert all(value >= 0 or math.isnan(value) for value in evaluation.running().values())
+    assert evaluation.summary().metrics['ate_trans_max_m'] > 1e28
 
 
 def test_origin_without_orientations_has_no_absolute_errors_and_says_so(flight, evaluate):

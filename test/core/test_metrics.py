@@ -3,7 +3,7 @@
 from dataclasses import replace
 import math
 
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -157,11 +157,11 @@ def test_a_turned_world_is_taken_out_of_the_orientations_as_well(flight, evaluat
 
 
 def _along(unit: str, steps: list[int]) -> np.ndarray:
-    """Return how far poses are along, in quarters of a delta of 1 (tenths for seconds)."""
+    """Return how far poses are along after steps of 1/32 of a delta of 1 (1/20 of a second)."""
     if unit == 'f':
         return np.arange(len(steps))
     along = np.cumsum(steps) - steps[0]
-    return along * 100_000_000 if unit == 's' else along / 4
+    return along * 50_000_000 if unit == 's' else along / 32
 
 
 def _brute_force(along: np.ndarray, step: float, mode: str, exact: bool) -> list[tuple[int, int]]:
@@ -174,22 +174,20 @@ def _brute_force(along: np.ndarray, step: float, mode: str, exact: bool) -> list
     if mode == 'all':
         motions = [(i, nearest(along[i] + step)) for i in range(len(along))]
     else:
-        poses = []
-        for mark in range(int(along[-1] / step) + 2):
-            pose = nearest(mark * step)
-            reached = 2 * abs(along[pose] - mark * step) <= step
-            poses.append(pose if reached else None)
-        motions = [pair for pair in zip(poses, poses[1:], strict=False) if None not in pair]
+        poses = [nearest(mark * step) for mark in range(int(along[-1] / step) + 2)]
+        motions = list(zip(poses, poses[1:], strict=False))
     return [pair for pair in motions if near_enough(*pair)]
 
 
 @given(
     st.sampled_from('fsmd'),
     st.sampled_from(RPE_PAIRS),
-    st.lists(st.integers(0, 14), min_size=1, max_size=40),
-    st.integers(1, 5),
+    st.lists(st.sampled_from([0, 1, 9, 15, 16, 17, 20, 22, 32, 48]), min_size=1, max_size=40),
+    st.integers(1, 3),
 )
-@example('s', 'sequential', [0, 10, 10, 15, 10, 10, 10, 10], 1).via('1 Hz, shifted by half a step')
+@example('s', 'sequential', [0, 20, 20, 30, 20, 20, 20, 20], 1).via('1 Hz, shifted by half a step')
+@example('m', 'all', [0, 9, 9, 9, 0, 0, 9], 1).via('standing still just before the place')
+@settings(max_examples=200)
 def test_motions_lead_to_the_first_pose_nearest_to_a_delta_further(unit, mode, steps, delta):
     along = _along(unit, steps)
     found = candidates(along, Delta(float(delta), unit), mode)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterable
-import math
 from pathlib import Path
 import sys
 from typing import NamedTuple
@@ -28,6 +27,7 @@ from vio_eval_ros.errors import ConfigError, NoPairs, VioEvalError
 from vio_eval_ros.recordings.sources import default_topics, read_sources, Source
 from vio_eval_ros.reports import REPORTS, write
 from vio_eval_ros.reports.result import Input, Result
+from vio_eval_ros.reports.tables import series_csv
 from vio_eval_ros.reports.text import text_report
 
 SERIES = ('csv',)
@@ -193,22 +193,9 @@ def _written(target: Target, render: Callable[[], str]) -> bool:
 
 
 def _series(config: EvaluationConfig, estimate: Source, truth: Source) -> str:
-    """Return a row of running values for each second in which a pose arrived, as CSV."""
-    lines: list[str] = []
-    for stamp_ns, values in running_series(
-        config, estimate.poses, truth.poses, (estimate.zero_stamps, truth.zero_stamps)
-    ):
-        if not lines:
-            lines.append(','.join(['stamp_ns', *values]))
-        lines.append(
-            ','.join(
-                [
-                    str(stamp_ns),
-                    *('' if math.isnan(value) else repr(value) for value in values.values()),
-                ]
-            )
-        )
-    return '\n'.join(lines) + '\n'
+    """Return the running values of the run as CSV."""
+    zero_stamps = (estimate.zero_stamps, truth.zero_stamps)
+    return series_csv(running_series(config, estimate.poses, truth.poses, zero_stamps))
 
 
 def _sha256(source: Source) -> str:

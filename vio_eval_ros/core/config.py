@@ -12,13 +12,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 import math
 import re
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 from vio_eval_ros.errors import ConfigError
 
 ASSOCIATIONS = ('nearest', 'interpolate')
 ALIGNMENTS = ('none', 'origin', 'scale', 'posyaw', 'se3', 'sim3')
 RPE_PAIRS = ('all', 'sequential')
+Kind = TypeVar('Kind', bound='Options')
+
 MAX_SECONDS = 4e9  # int64 nanoseconds hold today's time and this
 DELTA_UNITS = {'f': 'frames', 's': 'seconds', 'm': 'metres', 'd': 'degrees'}
 
@@ -49,82 +51,100 @@ class Delta(NamedTuple):
         return f'{self.value:.9f}'.rstrip('0').rstrip('.') + self.unit
 
 
-def _option(
+def option(
     default: Any, description: str, choices: tuple[str, ...] = (), minimum: float | None = None
 ) -> Any:
+    """Return the field of an option, with what describes and limits it."""
     metadata = {'description': description, 'choices': choices, 'minimum': minimum}
     if isinstance(default, tuple):
         return field(default_factory=lambda: default, metadata=metadata)
     return field(default=default, metadata=metadata)
 
 
+class Options:
+    """A frozen dataclass of options: brings values to their types and rejects what is wrong."""
+
+    def __post_init__(self) -> None:
+        """Bring every value to its type, and reject what is out of range."""
+        for item in fields(self):  # type: ignore[arg-type]
+            value = _typed(item.name, getattr(self, item.name), item.type)
+            object.__setattr__(self, item.name, value)
+            choices, minimum = item.metadata['choices'], item.metadata['minimum']
+            if choices and value not in choices:
+                raise ConfigError(
+                    f"{item.name}: '{value}' is not one of {', '.join(choices)}"
+                    + nearest_name(value, choices)
+                )
+            if minimum is not None and not value >= minimum:
+                raise ConfigError(f'{item.name}: {value:g} is below {minimum:g}')
+
+    @classmethod
+    def from_mapping(cls: type[Kind], values: Mapping[str, Any]) -> Kind:
+        """Return the options named in ``values``; an unknown name is an error."""
+        names = [item.name for item in fields(cls)]  # type: ignore[arg-type]
+        for name in values:
+            if name not in names:
+                raise ConfigError(f"unknown option '{name}'{nearest_name(str(name), names)}")
+        return cls(**values)
+
+
 @dataclass(frozen=True)
-class EvaluationConfig:
+class EvaluationConfig(Options):
     """How an estimate is compared with ground truth; ``ConfigError`` where it makes no sense."""
 
-    association: str = _option(
+    association: str = option(
         'nearest',
         'how stamps are matched: the nearest pose of each other, or ground truth '
         'interpolated at every estimate',
         ASSOCIATIONS,
     )
-    max_difference_s: float = _option(
+    max_difference_s: float = option(
         0.02, 'largest difference between the stamps of a pair (nearest)', minimum=0.0
     )
-    max_gap_s: float = _option(
+    max_gap_s: float = option(
         0.5,
         'longest interval that counts as tracking, and over which ground truth is interpolated',
         minimum=0.0,
     )
-    time_offset_s: float = _option(0.0, 'added to the stamps of the estimate')
-    alignment: str = _option(
+    time_offset_s: float = option(0.0, 'added to the stamps of the estimate')
+    alignment: str = option(
         'se3',
         'which part of the difference between the two worlds is taken out before the '
         'absolute error',
         ALIGNMENTS,
     )
-    align_first_s: float = _option(
+    align_first_s: float = option(
         0.0, 'align on the pairs of the first seconds only; 0 aligns on all', minimum=0.0
     )
-    rpe_deltas: tuple[str, ...] = _option(
+    rpe_deltas: tuple[str, ...] = option(
         ('1f', '1s', '10m'),
         'distances between the poses of a relative error: f frames, '
         's seconds, m metres, d degrees',
     )
-    rpe_pairs: str = _option(
+    rpe_pairs: str = option(
         'all', 'relative errors start at every pose, or each where the one before ended', RPE_PAIRS
     )
-    segment_lengths_m: tuple[float, ...] = _option(
+    segment_lengths_m: tuple[float, ...] = option(
         (), 'lengths of ground-truth path over which drift is given in percent'
     )
-    start_s: float = _option(
+    start_s: float = option(
         0.0, 'ignore what comes earlier, relative to the first ground truth', minimum=0.0
     )
-    end_s: float = _option(
+    end_s: float = option(
         math.inf, 'ignore what comes later, relative to the first ground truth', minimum=0.0
     )
-    estimate_to_body: tuple[float, ...] = _option(
+    estimate_to_body: tuple[float, ...] = option(
         (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0),
         'pose x y z qx qy qz qw of the body in the frame that the estimate tracks',
     )
-    ground_truth_to_body: tuple[float, ...] = _option(
+    ground_truth_to_body: tuple[float, ...] = option(
         (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0),
         'pose x y z qx qy qz qw of the body in the frame that the ground truth tracks',
     )
 
     def __post_init__(self) -> None:
-        """Bring every value to its type, and reject what is out of range."""
-        for option in fields(self):
-            value = _typed(option.name, getattr(self, option.name), option.type)
-            object.__setattr__(self, option.name, value)
-            choices, minimum = option.metadata['choices'], option.metadata['minimum']
-            if choices and value not in choices:
-                raise ConfigError(
-                    f"{option.name}: '{value}' is not one of {', '.join(choices)}"
-                    + nearest_name(value, choices)
-                )
-            if minimum is not None and not value >= minimum:
-                raise ConfigError(f'{option.name}: {value:g} is below {minimum:g}')
+        """Check every option by itself, and against the others."""
+        super().__post_init__()
         deltas = tuple(str(Delta.parse(delta)) for delta in self.rpe_deltas)
         object.__setattr__(self, 'rpe_deltas', tuple(dict.fromkeys(deltas)))
         if self.start_s >= self.end_s:
@@ -139,23 +159,14 @@ class EvaluationConfig:
                     f"not '{' '.join(f'{v:g}' for v in pose)}'"
                 )
 
-    @classmethod
-    def from_mapping(cls, values: Mapping[str, Any]) -> EvaluationConfig:
-        """Return the options named in ``values``; an unknown name is an error."""
-        names = [option.name for option in fields(cls)]
-        for name in values:
-            if name not in names:
-                raise ConfigError(f"unknown option '{name}'{nearest_name(str(name), names)}")
-        return cls(**values)
-
     def to_dict(self) -> dict[str, Any]:
         """Return every option as plain numbers, strings and lists; no end is None."""
         values: dict[str, Any] = {}
-        for option in fields(self):
-            value = getattr(self, option.name)
+        for item in fields(self):
+            value = getattr(self, item.name)
             if isinstance(value, tuple):
                 value = list(value)
-            values[option.name] = None if value == math.inf else value
+            values[item.name] = None if value == math.inf else value
         return values
 
 
@@ -173,6 +184,10 @@ def _typed(name: str, value: Any, kind: Any) -> Any:
         if isinstance(value, str):
             return value
         raise ConfigError(f"{name}: '{value}' is not a word")
+    if kind == 'bool':
+        if isinstance(value, bool):
+            return value
+        raise ConfigError(f"{name}: '{value}' is neither true nor false")
     if kind == 'float':
         return _number(name, math.inf if name == 'end_s' and value is None else value)
     items = [value] if isinstance(value, (str, int, float)) else value

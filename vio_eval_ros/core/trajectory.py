@@ -135,6 +135,12 @@ class PairLog:
         self._count = 0
         self._pairs = Pairs.empty()
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> PairLog:
+        """Return a log that shares its rows with this one, until this one is appended to."""
+        other = PairLog()
+        other._count, other._pairs = self._count, self._pairs
+        return other
+
     def append(self, pairs: Pairs) -> None:
         """Add pairs at the end; a column that they lack is lost for all."""
         if not len(pairs):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 import math
 
 import numpy as np
@@ -55,6 +56,17 @@ def tum(trajectory: Trajectory) -> str:
     return '# timestamp tx ty tz qx qy qz qw\n' + formatted(
         table, '%d.%09d %.9f %.9f %.9f %.9f %.9f %.9f %.9f'
     )
+
+
+def series_csv(rows: Iterable[tuple[int, Mapping[str, float]]]) -> str:
+    """Return stamp and running values as CSV, a line for each row; what is unknown is empty."""
+    lines: list[str] = []
+    for stamp_ns, values in rows:
+        if not lines:
+            lines.append(','.join(['stamp_ns', *values]))
+        numbers = ('' if math.isnan(value) else repr(value) for value in values.values())
+        lines.append(','.join([str(stamp_ns), *numbers]))
+    return '\n'.join(lines) + '\n'
 
 
 def formatted(table: np.ndarray, row: str) -> str:
