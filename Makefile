@@ -15,7 +15,7 @@ VENV_OPTIONS := --system-site-packages
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench demo-recording clean
+.PHONY: help demo test lint format bench accuracy demo-recording clean
 
 help:  ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 18
@@ -42,6 +42,9 @@ format: $(TESTING)  ## lay out the code as the linter wants it
 
 bench: $(TESTING)  ## compare speed and memory with evo, side by side
 	@$(IN_VENV) benchmarks/compare.py
+
+accuracy: $(TESTING)  ## compare the figures with evo's on real runs
+	@$(IN_VENV) benchmarks/accuracy.py
 
 demo-recording: $(RUNTIME)  ## simulate the bundled recording again
 	@rm -rf $(RECORDING)

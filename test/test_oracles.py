@@ -21,8 +21,10 @@ RELATIVE = 1e-6
 # The definitions print six decimals.
 PRINTED = 5.1e-7
 V102 = ('evo_test_data/V102.txt', 'gt_euroc/open_vins_tum/V1_02_medium.txt')
-FR1 = ('evo_test_data/freiburg1_xyz-rgbdslam_drift.txt',
-       'evo_test_data/freiburg1_xyz-groundtruth.txt')
+FR1 = (
+    'evo_test_data/freiburg1_xyz-rgbdslam_drift.txt',
+    'evo_test_data/freiburg1_xyz-groundtruth.txt',
+)
 
 
 @pytest.fixture(scope='module')
@@ -47,8 +49,10 @@ def evaluate(estimate: Poses, truth: Poses, **options) -> Summary:
 
 def read(shared_data: Path, pair, times: str | None = None) -> list[Poses]:
     path = None if times is None else shared_data / times
-    return [source.poses
-            for source in read_sources([f'{shared_data}/{spec}' for spec in pair], times=path)]
+    return [
+        source.poses
+        for source in read_sources([f'{shared_data}/{spec}' for spec in pair], times=path)
+    ]
 
 
 def assert_statistics(
@@ -57,21 +61,24 @@ def assert_statistics(
     """Compare all statistics that evo gives; ``name`` has a place for the statistic."""
     for statistic in EVO_STATISTICS:
         ours = metrics[name.format(statistic)]
-        assert ours == pytest.approx(expected[statistic], rel=RELATIVE, abs=absolute), \
-            name.format(statistic)
+        assert ours == pytest.approx(expected[statistic], rel=RELATIVE, abs=absolute), name.format(
+            statistic
+        )
 
 
 # evo itself
 
 
 def as_evo(evo, poses: Poses):
-    return evo.Trajectory(poses.positions, np.roll(poses.rotations, 1, axis=1),
-                          poses.stamps_ns / 1e9)
+    return evo.Trajectory(
+        poses.positions, np.roll(poses.rotations, 1, axis=1), poses.stamps_ns / 1e9
+    )
 
 
 def evo_pairs(evo, estimate: Poses, truth: Poses):
     reference, other = evo.sync.associate_trajectories(
-        as_evo(evo, truth), as_evo(evo, estimate), max_diff=0.01)
+        as_evo(evo, truth), as_evo(evo, estimate), max_diff=0.01
+    )
     return reference, other
 
 
@@ -115,28 +122,40 @@ def test_absolute_errors_are_evos(evo, random_pair, mode):
     align(reference, other, mode)
     assert reference.num_poses == len(summary.pairs) > 500
     relation = evo.metrics.PoseRelation
-    for name, kind in (('ate_trans_{}_m', relation.translation_part),
-                       ('ate_rot_{}_deg', relation.rotation_angle_deg)):
+    for name, kind in (
+        ('ate_trans_{}_m', relation.translation_part),
+        ('ate_rot_{}_deg', relation.rotation_angle_deg),
+    ):
         assert_statistics(summary.metrics, name, figures(evo.metrics.APE(kind), reference, other))
 
 
-@pytest.mark.parametrize(('delta', 'number', 'unit', 'pairs'), [
-    ('1f', 1, 'frames', 'sequential'),
-    ('10f', 10, 'frames', 'sequential'),
-    ('1f', 1, 'frames', 'all'),
-    ('10f', 10, 'frames', 'all'),
-    ('0.5m', 0.5, 'meters', 'all'),
-    ('3m', 3, 'meters', 'all'),
-])
+@pytest.mark.parametrize(
+    ('delta', 'number', 'unit', 'pairs'),
+    [
+        ('1f', 1, 'frames', 'sequential'),
+        ('10f', 10, 'frames', 'sequential'),
+        ('1f', 1, 'frames', 'all'),
+        ('10f', 10, 'frames', 'all'),
+        ('0.5m', 0.5, 'meters', 'all'),
+        ('3m', 3, 'meters', 'all'),
+    ],
+)
 def test_relative_errors_are_evos(evo, random_pair, delta, number, unit, pairs):
     metrics = evaluate(*random_pair, rpe_deltas=[delta], rpe_pairs=pairs).metrics
     reference, other = evo_pairs(evo, *random_pair)
     relation = evo.metrics.PoseRelation
-    for name, kind in (('trans_{}_m', relation.translation_part),
-                       ('rot_{}_deg', relation.rotation_angle_deg),
-                       ('dist_{}_m', relation.point_distance)):
-        metric = evo.metrics.RPE(kind, number, evo.metrics.Unit[unit], all_pairs=pairs == 'all',
-                                 pairs_from_reference=True)
+    for name, kind in (
+        ('trans_{}_m', relation.translation_part),
+        ('rot_{}_deg', relation.rotation_angle_deg),
+        ('dist_{}_m', relation.point_distance),
+    ):
+        metric = evo.metrics.RPE(
+            kind,
+            number,
+            evo.metrics.Unit[unit],
+            all_pairs=pairs == 'all',
+            pairs_from_reference=True,
+        )
         assert_statistics(metrics, f'rpe_{delta}_{name}', figures(metric, reference, other))
         assert metrics[f'rpe_{delta}_pairs'] == len(metric.error) > 50
 
@@ -157,15 +176,21 @@ def test_no_golden_case_is_left_out(shared_data):
 def test_golden_errors_are_ours(shared_data, index):
     case, (estimate, truth) = golden(shared_data, index)
     for mode in ('none', 'se3', 'sim3'):
-        summary = evaluate(estimate, truth, alignment=mode, rpe_pairs='sequential',
-                           rpe_deltas=('1f', '10f'),
-                           max_difference_s=case['max_difference_s'])
+        summary = evaluate(
+            estimate,
+            truth,
+            alignment=mode,
+            rpe_pairs='sequential',
+            rpe_deltas=('1f', '10f'),
+            max_difference_s=case['max_difference_s'],
+        )
         metrics = summary.metrics
         assert len(summary.pairs) == case['matched']
         assert_statistics(metrics, 'ate_trans_{}_m', case[f'ate_{mode}_trans'])
         assert_statistics(metrics, 'ate_rot_{}_deg', case[f'ate_{mode}_rot_deg'])
         assert metrics[f'ate_{mode}_trans_rmse_m'] == pytest.approx(
-            case[f'ate_{mode}_trans']['rmse'], rel=RELATIVE)
+            case[f'ate_{mode}_trans']['rmse'], rel=RELATIVE
+        )
         assert metrics['sim3_scale'] == pytest.approx(case['sim3_scale'], rel=RELATIVE)
         if mode == 'sim3':  # of an estimate at the right scale: evo's are not scaled here
             continue
@@ -209,7 +234,9 @@ def test_repeated_stamps_of_v102_are_paired_by_evo_and_dropped_here(evo, shared_
 
 
 def test_v102_is_near_what_evo_finds_with_the_repeated_stamps(shared_data):
-    metrics = evaluate(*read(shared_data, V102), alignment='origin', rpe_pairs='sequential').metrics
+    metrics = evaluate(
+        *read(shared_data, V102), alignment='origin', rpe_pairs='sequential'
+    ).metrics
     for name, expected in {
         'ate_none_trans_rmse_m': 2.554174,
         'ate_se3_trans_rmse_m': 0.091727,
@@ -225,26 +252,34 @@ def test_v102_is_near_what_evo_finds_with_the_repeated_stamps(shared_data):
 def test_freiburg1_is_what_evo_finds(shared_data):
     estimate, truth = read(shared_data, FR1)
     summary = evaluate(estimate, truth, alignment='origin', rpe_deltas=('1f', '10f', '1m'))
-    sequential = evaluate(estimate, truth, rpe_deltas=('1f', '10f'), rpe_pairs='sequential').metrics
+    sequential = evaluate(
+        estimate, truth, rpe_deltas=('1f', '10f'), rpe_pairs='sequential'
+    ).metrics
     assert len(summary.pairs) == 785
     for metrics, expected in (
-        (summary.metrics, {
-            'ate_se3_trans_rmse_m': 0.013470,
-            'ate_sim3_trans_rmse_m': 0.013389,
-            'sim3_scale': 1.008001,
-            'ate_trans_rmse_m': 0.019368,
-            'rpe_10f_trans_rmse_m': 0.014041,
-            'rpe_10f_pairs': 775,
-            'rpe_1m_trans_rmse_m': 0.017737,
-            'rpe_1m_pairs': 649,
-        }),
-        (sequential, {
-            'ate_rot_rmse_deg': 2.057702,
-            'rpe_1f_trans_rmse_m': 0.005764,
-            'rpe_1f_rot_rmse_deg': 0.353614,
-            'rpe_10f_trans_rmse_m': 0.014610,
-            'rpe_10f_pairs': 78,
-        }),
+        (
+            summary.metrics,
+            {
+                'ate_se3_trans_rmse_m': 0.013470,
+                'ate_sim3_trans_rmse_m': 0.013389,
+                'sim3_scale': 1.008001,
+                'ate_trans_rmse_m': 0.019368,
+                'rpe_10f_trans_rmse_m': 0.014041,
+                'rpe_10f_pairs': 775,
+                'rpe_1m_trans_rmse_m': 0.017737,
+                'rpe_1m_pairs': 649,
+            },
+        ),
+        (
+            sequential,
+            {
+                'ate_rot_rmse_deg': 2.057702,
+                'rpe_1f_trans_rmse_m': 0.005764,
+                'rpe_1f_rot_rmse_deg': 0.353614,
+                'rpe_10f_trans_rmse_m': 0.014610,
+                'rpe_10f_pairs': 78,
+            },
+        ),
     ):
         for name, value in expected.items():
             assert metrics[name] == pytest.approx(value, abs=PRINTED), name
@@ -256,23 +291,30 @@ def test_freiburg1_with_a_wider_tolerance_is_what_evo_finds(shared_data):
     assert summary.metrics['ate_trans_rmse_m'] == pytest.approx(0.013473, abs=PRINTED)
 
 
-@pytest.mark.parametrize(('max_gap_s', 'max_diff', 'pairs', 'rmse'), [
-    (0.1, 0.01, 785, 0.013467),  # the truth has a single gap, of 0.11 s
-    (0.5, 0.05, 788, 0.013504),
-])
+@pytest.mark.parametrize(
+    ('max_gap_s', 'max_diff', 'pairs', 'rmse'),
+    [
+        (0.1, 0.01, 785, 0.013467),  # the truth has a single gap, of 0.11 s
+        (0.5, 0.05, 788, 0.013504),
+    ],
+)
 def test_freiburg1_interpolated_is_what_evo_finds(
     evo, shared_data, max_gap_s, max_diff, pairs, rmse
 ):
     estimate, truth = read(shared_data, FR1)
     summary = evaluate(estimate, truth, association='interpolate', max_gap_s=max_gap_s)
     reference, other = evo.sync.associate_trajectories(
-        as_evo(evo, truth), as_evo(evo, estimate), max_diff=max_diff,
-        sync_method=evo.sync.SyncMethod.interpolation)
+        as_evo(evo, truth),
+        as_evo(evo, estimate),
+        max_diff=max_diff,
+        sync_method=evo.sync.SyncMethod.interpolation,
+    )
     other.align(reference)
     metric = evo.metrics.APE(evo.metrics.PoseRelation.translation_part)
     # a float of today's seconds is off by up to 238 ns, in which the camera moves 0.1 µm
     assert_statistics(
-        summary.metrics, 'ate_trans_{}_m', figures(metric, reference, other), absolute=1e-7)
+        summary.metrics, 'ate_trans_{}_m', figures(metric, reference, other), absolute=1e-7
+    )
     assert reference.num_poses == len(summary.pairs) == pairs
     assert summary.metrics['ate_trans_rmse_m'] == pytest.approx(rmse, abs=PRINTED)
 
@@ -302,9 +344,13 @@ def test_metres_are_those_of_the_ground_truth_where_evo_takes_the_estimates(evo,
     reference, other = evo_pairs(evo, *kitti_00)
     found = {}
     for of_reference in (True, False):
-        metric = evo.metrics.RPE(evo.metrics.PoseRelation.translation_part, 100,
-                                 evo.metrics.Unit.meters, all_pairs=True,
-                                 pairs_from_reference=of_reference)
+        metric = evo.metrics.RPE(
+            evo.metrics.PoseRelation.translation_part,
+            100,
+            evo.metrics.Unit.meters,
+            all_pairs=True,
+            pairs_from_reference=of_reference,
+        )
         found[of_reference] = figures(metric, reference, other)
     assert_statistics(metrics, 'rpe_100m_trans_{}_m', found[True])
     assert metrics['rpe_100m_pairs'] == 4458

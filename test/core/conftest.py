@@ -1,4 +1,4 @@
-"""What the tests of the core share: made-up runs, their evaluation, and how Hypothesis searches."""
+"""What the tests of the core share: made-up runs, evaluating them, how Hypothesis searches."""
 
 from collections.abc import Callable
 import os

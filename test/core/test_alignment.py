@@ -27,7 +27,9 @@ def draw(seed: int, count: int = 50, noise: float = 0.3) -> Pairs:
     rng = np.random.default_rng(seed)
     truth = rng.normal(size=(count, 3)) * [3, 2, 1] + rng.normal(size=3) * 10
     turn = rotation.normalize(rng.normal(size=4))
-    estimate = rotation.rotate(turn, truth + rng.normal(0, noise, truth.shape)) * rng.uniform(0.3, 3)
+    estimate = rotation.rotate(turn, truth + rng.normal(0, noise, truth.shape)) * rng.uniform(
+        0.3, 3
+    )
     return pairs_of(estimate + rng.normal(size=3) * 10, truth)
 
 
@@ -82,8 +84,10 @@ def test_the_closed_form_is_the_mean_square_of_the_errors(seed, mode):
 @given(SEEDS)
 def test_the_formulas_of_the_definitions_hold(seed):
     pairs = draw(seed)
-    e, g = (side.positions - side.positions.mean(axis=0)
-            for side in (pairs.estimate, pairs.ground_truth))
+    e, g = (
+        side.positions - side.positions.mean(axis=0)
+        for side in (pairs.estimate, pairs.ground_truth)
+    )
     v_e, v_g, c = np.mean(np.sum(e**2, 1)), np.mean(np.sum(g**2, 1)), g.T @ e / len(e)
     u, d, vt = np.linalg.svd(c)
     trace = d @ [1, 1, round(np.linalg.det(u) * np.linalg.det(vt))]
@@ -126,8 +130,10 @@ def test_no_alignment_near_the_one_found_is_better(seed, mode, step):
 @given(SEEDS)
 def test_more_freedom_never_makes_the_error_larger(seed):
     pairs = draw(seed, count=5)
-    found = {mode: math.sqrt(mean_square(solve(mode, moments_of(pairs), pairs[:1]), pairs))
-             for mode in ALIGNMENTS}
+    found = {
+        mode: math.sqrt(mean_square(solve(mode, moments_of(pairs), pairs[:1]), pairs))
+        for mode in ALIGNMENTS
+    }
     slack = 1 + 1e-9
     assert found['sim3'] <= found['se3'] * slack
     assert found['se3'] <= found['posyaw'] * slack
@@ -179,9 +185,14 @@ def test_posyaw_turns_about_the_vertical_only():
 
 def test_origin_makes_the_first_poses_coincide():
     rng = np.random.default_rng(0)
-    pairs = Pairs.of(*(Trajectory(np.arange(5), rng.normal(size=(5, 3)),
-                                  rotation.normalize(rng.normal(size=(5, 4))))
-                       for _ in range(2)))
+    pairs = Pairs.of(
+        *(
+            Trajectory(
+                np.arange(5), rng.normal(size=(5, 3)), rotation.normalize(rng.normal(size=(5, 4)))
+            )
+            for _ in range(2)
+        )
+    )
     first = solve('origin', moments_of(pairs), pairs[:1]).apply(pairs.estimate)[:1]
     np.testing.assert_allclose(first.positions, pairs.ground_truth.positions[:1])
     assert rotation.angle_between(first.rotations, pairs.ground_truth.rotations[:1]) < 1e-15

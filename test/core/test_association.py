@@ -110,11 +110,18 @@ def test_pairs_are_each_others_nearest(est_steps, gt_steps, shift, tolerance, de
 
 @given(STUTTERING, STUTTERING, st.integers(-20, 20), DELIVERIES, OPTIONS)
 @example(  # the estimate goes on while all ground truth so far lies before the start
-    [1] * 30, [10] * 9, 0, [('ground_truth', 3), ('estimate', 5), ('estimate', 5)],
+    [1] * 30,
+    [10] * 9,
+    0,
+    [('ground_truth', 3), ('estimate', 5), ('estimate', 5)],
     {'start_s': 0.08},
 ).via('found by hand')
 @example(  # a stamp is repeated after the first of it has been cropped
-    [50, 50, 0], [50, 50, 50], 0, [('ground_truth', 3), ('estimate', 2)], {'end_s': 0.04},
+    [50, 50, 0],
+    [50, 50, 50],
+    0,
+    [('ground_truth', 3), ('estimate', 2)],
+    {'end_s': 0.04},
 ).via('found by hand')
 def test_pairs_and_counts_do_not_depend_on_order_and_batches_of_arrival(
     est_steps, gt_steps, shift, deliveries, options
@@ -193,8 +200,9 @@ def test_the_time_offset_is_added_to_the_estimate():
 
 def test_pairs_stay_apart_by_single_nanoseconds_in_todays_stamps():
     stamps = 1_403_636_579_763_555_584 + np.arange(5)
-    estimate, truth = (Poses(s, np.zeros((5, 3)), np.tile([0.0, 0, 0, 1], (5, 1)))
-                       for s in (stamps, stamps))
+    estimate, truth = (
+        Poses(s, np.zeros((5, 3)), np.tile([0.0, 0, 0, 1], (5, 1))) for s in (stamps, stamps)
+    )
     pairs, _ = associate(estimate, truth, max_difference_s=0.0)
     np.testing.assert_array_equal(pairs.ground_truth.stamps_ns, stamps)
 
@@ -206,9 +214,7 @@ def test_interpolated_truth_is_linear_in_position_and_slerp_in_orientation(seed,
     truth = poses(rng.integers(1, 1000, 30).cumsum() / 10)
     span = truth.stamps_ns[0] / MS, truth.stamps_ns[-1] / MS
     estimate = poses(np.sort(rng.uniform(*span, 20)))
-    pairs, _ = associate(
-        estimate, truth, deliveries, association='interpolate', max_gap_s=1.0
-    )
+    pairs, _ = associate(estimate, truth, deliveries, association='interpolate', max_gap_s=1.0)
     np.testing.assert_array_equal(pairs.estimate.stamps_ns, estimate.stamps_ns)
     np.testing.assert_array_equal(pairs.ground_truth.stamps_ns, estimate.stamps_ns)
     for axis in range(3):
@@ -223,18 +229,19 @@ def test_interpolated_truth_is_linear_in_position_and_slerp_in_orientation(seed,
 def test_truth_is_interpolated_over_no_gap_that_is_too_long_and_not_beyond_its_ends():
     truth = poses([0, 100, 200, 301])
     pairs, _ = associate(
-        poses([-1, 0, 50, 150, 200, 250, 301, 302]), truth, association='interpolate',
+        poses([-1, 0, 50, 150, 200, 250, 301, 302]),
+        truth,
+        association='interpolate',
         max_gap_s=0.1,
     )
     assert pairs.estimate.stamps_ns.tolist() == [0, 50 * MS, 150 * MS, 200 * MS, 301 * MS]
-    np.testing.assert_array_equal(pairs.ground_truth.positions[[0, 3, 4]],
-                                  truth.positions[[0, 2, 3]])
+    np.testing.assert_array_equal(
+        pairs.ground_truth.positions[[0, 3, 4]], truth.positions[[0, 2, 3]]
+    )
 
 
 def test_interpolation_without_orientations_gives_positions_alone():
-    pairs, _ = associate(
-        poses([5]), poses([0, 10], rotations=False), association='interpolate'
-    )
+    pairs, _ = associate(poses([5]), poses([0, 10], rotations=False), association='interpolate')
     assert len(pairs) == 1
     assert pairs.turns is None
     assert pairs.ground_truth.rotations is None
@@ -279,13 +286,15 @@ def test_the_body_pose_is_multiplied_from_the_right():
     np.testing.assert_allclose(pairs.estimate.positions, [[1, 3, 3]])
     # the body's z axis looks along the tracked frame's -y, and that along the world's x
     np.testing.assert_allclose(
-        rotation.rotate(pairs.estimate.rotations, np.array([0.0, 0, 1])), [[1, 0, 0]], atol=1e-15)
+        rotation.rotate(pairs.estimate.rotations, np.array([0.0, 0, 1])), [[1, 0, 0]], atol=1e-15
+    )
 
 
 def test_positions_alone_cannot_be_moved_to_another_frame():
     with pytest.raises(ConfigError, match='without orientation'):
-        associate(poses([0]), poses([0], rotations=False),
-                  ground_truth_to_body=(0, 0, 0.1, 0, 0, 0, 1))
+        associate(
+            poses([0]), poses([0], rotations=False), ground_truth_to_body=(0, 0, 0.1, 0, 0, 0, 1)
+        )
 
 
 # Ground truth every 10 ms for 1 s, an interval as long as the gap, and the estimate of each case.
@@ -317,7 +326,11 @@ def test_coverage_is_the_share_of_time_between_pairs_without_a_gap(
 ):
     deliveries = [('ground_truth', size), ('estimate', size)] * 102
     _, associator = associate(
-        poses(estimate), poses(SECOND), deliveries, association=association, max_gap_s=0.06,
+        poses(estimate),
+        poses(SECOND),
+        deliveries,
+        association=association,
+        max_gap_s=0.06,
         max_difference_s=0.002,
     )
     assert associator.coverage_ratio() == pytest.approx(ratio, rel=1e-12)

@@ -58,57 +58,73 @@ def test_options_as_users_write_them_become_numbers_and_tuples():
     st.sampled_from([None, 1.5]),
 )
 def test_options_survive_the_way_through_json(metres, frames, lengths, alignment, end_s):
-    config = EvaluationConfig(rpe_deltas=metres + frames, segment_lengths_m=lengths,
-                              alignment=alignment, end_s=end_s)
+    config = EvaluationConfig(
+        rpe_deltas=metres + frames, segment_lengths_m=lengths, alignment=alignment, end_s=end_s
+    )
     written = json.dumps(config.to_dict(), allow_nan=False)
     assert EvaluationConfig.from_mapping(json.loads(written)) == config
     # and what was asked for is what is measured
     asked = {(round(float(text[:-1]), 9), text[-1]) for text in metres + frames}
     assert {tuple(Delta.parse(text)) for text in config.rpe_deltas} == asked
     assert len({name for name in metric_names(config) if name.endswith('f_pairs')}) == len(
-        set(frames))
+        set(frames)
+    )
 
 
-@pytest.mark.parametrize(('text', 'delta'), [
-    ('10f', (10, 'f')), ('1s', (1, 's')), ('0.5m', (0.5, 'm')), ('.5m', (0.5, 'm')),
-    ('15d', (15, 'd')), ('2.f', (2, 'f')), ('1000000f', (1000000, 'f')),
-])
+@pytest.mark.parametrize(
+    ('text', 'delta'),
+    [
+        ('10f', (10, 'f')),
+        ('1s', (1, 's')),
+        ('0.5m', (0.5, 'm')),
+        ('.5m', (0.5, 'm')),
+        ('15d', (15, 'd')),
+        ('2.f', (2, 'f')),
+        ('1000000f', (1000000, 'f')),
+    ],
+)
 def test_a_delta_is_a_number_and_a_unit(text, delta):
     assert Delta.parse(text) == delta
     assert Delta.parse(str(Delta.parse(text))) == delta
 
 
 def test_a_delta_has_one_name_however_it_is_written():
-    assert EvaluationConfig(rpe_deltas=['1.0f', '01f', '0.50s', '.5s']).rpe_deltas == ('1f', '0.5s')
+    assert EvaluationConfig(rpe_deltas=['1.0f', '01f', '0.50s', '.5s']).rpe_deltas == (
+        '1f',
+        '0.5s',
+    )
 
 
-@pytest.mark.parametrize(('name', 'value'), [
-    ('association', 'next'),
-    ('association', 3),
-    ('alignment', 'SE3'),
-    ('alignment', None),
-    ('rpe_pairs', ['all']),
-    ('max_difference_s', -0.01),
-    ('max_difference_s', math.nan),
-    ('max_difference_s', math.inf),
-    ('max_difference_s', 'wide'),
-    ('max_difference_s', True),
-    ('max_difference_s', None),
-    ('max_difference_s', [0.1]),
-    ('max_gap_s', 1e30),
-    ('time_offset_s', -1e30),
-    ('start_s', -1),
-    ('end_s', 0),
-    ('end_s', -math.inf),
-    ('segment_lengths_m', [0]),
-    ('segment_lengths_m', [-100]),
-    ('segment_lengths_m', {'a': 1}),
-    ('segment_lengths_m', 'long'),
-    ('estimate_to_body', [0, 0, 0]),
-    ('estimate_to_body', [0, 0, 0, 0, 0, 0, 0]),
-    ('ground_truth_to_body', [1, 0, 0, 0, 0, 0, 1.02]),
-    ('ground_truth_to_body', [0, 0, 0, 0, 0, 0, 'w']),
-])
+@pytest.mark.parametrize(
+    ('name', 'value'),
+    [
+        ('association', 'next'),
+        ('association', 3),
+        ('alignment', 'SE3'),
+        ('alignment', None),
+        ('rpe_pairs', ['all']),
+        ('max_difference_s', -0.01),
+        ('max_difference_s', math.nan),
+        ('max_difference_s', math.inf),
+        ('max_difference_s', 'wide'),
+        ('max_difference_s', True),
+        ('max_difference_s', None),
+        ('max_difference_s', [0.1]),
+        ('max_gap_s', 1e30),
+        ('time_offset_s', -1e30),
+        ('start_s', -1),
+        ('end_s', 0),
+        ('end_s', -math.inf),
+        ('segment_lengths_m', [0]),
+        ('segment_lengths_m', [-100]),
+        ('segment_lengths_m', {'a': 1}),
+        ('segment_lengths_m', 'long'),
+        ('estimate_to_body', [0, 0, 0]),
+        ('estimate_to_body', [0, 0, 0, 0, 0, 0, 0]),
+        ('ground_truth_to_body', [1, 0, 0, 0, 0, 0, 1.02]),
+        ('ground_truth_to_body', [0, 0, 0, 0, 0, 0, 'w']),
+    ],
+)
 def test_a_value_that_makes_no_sense_is_refused_by_the_name_of_its_option(name, value):
     with pytest.raises(ConfigError) as refused:
         EvaluationConfig(**{name: value})
@@ -116,8 +132,26 @@ def test_a_value_that_makes_no_sense_is_refused_by_the_name_of_its_option(name, 
     assert '\n' not in str(refused.value)
 
 
-@pytest.mark.parametrize('text', ['', '1', 'f', '0f', '-1f', '1.5f', '1x', '1 s', '1e3m', 'infs',
-                                  'nanm', '1fm', '0.0s', 5, None])
+@pytest.mark.parametrize(
+    'text',
+    [
+        '',
+        '1',
+        'f',
+        '0f',
+        '-1f',
+        '1.5f',
+        '1x',
+        '1 s',
+        '1e3m',
+        'infs',
+        'nanm',
+        '1fm',
+        '0.0s',
+        5,
+        None,
+    ],
+)
 def test_what_is_no_delta_is_refused(text):
     with pytest.raises(ConfigError):
         EvaluationConfig(rpe_deltas=[text])

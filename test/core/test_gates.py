@@ -12,11 +12,14 @@ from vio_eval_ros.errors import ConfigError
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 
 
-@pytest.mark.parametrize(('text', 'gate'), [
-    ('ate_trans_rmse_m<=0.1', Gate('ate_trans_rmse_m', '<=', 0.1)),
-    (' coverage_ratio >= 95e-2 ', Gate('coverage_ratio', '>=', 0.95)),
-    ('drift_percent<=-1', Gate('drift_percent', '<=', -1)),
-])
+@pytest.mark.parametrize(
+    ('text', 'gate'),
+    [
+        ('ate_trans_rmse_m<=0.1', Gate('ate_trans_rmse_m', '<=', 0.1)),
+        (' coverage_ratio >= 95e-2 ', Gate('coverage_ratio', '>=', 0.95)),
+        ('drift_percent<=-1', Gate('drift_percent', '<=', -1)),
+    ],
+)
 def test_a_gate_is_a_metric_and_a_limit(text, gate):
     assert Gate.parse(text) == gate
     assert Gate.parse(str(gate)) == gate
@@ -28,8 +31,23 @@ def test_a_gate_is_written_as_it_is_read(limit, comparison):
     assert Gate.parse(str(gate)) == gate
 
 
-@pytest.mark.parametrize('text', ['', 'ate', 'ate<0.1', 'ate=0.1', 'ate==0.1', '<=0.1', 'ate<=',
-                                  'ate<=fast', 'ate<=nan', 'ate<=inf', '0<=ate<=1', 'a b<=1'])
+@pytest.mark.parametrize(
+    'text',
+    [
+        '',
+        'ate',
+        'ate<0.1',
+        'ate=0.1',
+        'ate==0.1',
+        '<=0.1',
+        'ate<=',
+        'ate<=fast',
+        'ate<=nan',
+        'ate<=inf',
+        '0<=ate<=1',
+        'a b<=1',
+    ],
+)
 def test_what_is_no_gate_is_refused(text):
     with pytest.raises(ConfigError, match='gate'):
         Gate.parse(text)
@@ -37,12 +55,27 @@ def test_what_is_no_gate_is_refused(text):
 
 def test_a_file_of_gates_gives_each_bound_a_gate():
     assert Gate.from_mapping({'ate': {'max': 0.1}, 'coverage': {'min': 0.9, 'max': '1'}}) == [
-        Gate('ate', '<=', 0.1), Gate('coverage', '>=', 0.9), Gate('coverage', '<=', 1.0)]
+        Gate('ate', '<=', 0.1),
+        Gate('coverage', '>=', 0.9),
+        Gate('coverage', '<=', 1.0),
+    ]
     assert Gate.from_mapping({}) == []
 
 
-@pytest.mark.parametrize('limits', [0.1, None, {}, [0.1], {'maximum': 1}, {'max': None},
-                                    {'max': True}, {'max': math.nan}, {'max': 1, 'mean': 2}])
+@pytest.mark.parametrize(
+    'limits',
+    [
+        0.1,
+        None,
+        {},
+        [0.1],
+        {'maximum': 1},
+        {'max': None},
+        {'max': True},
+        {'max': math.nan},
+        {'max': 1, 'mean': 2},
+    ],
+)
 def test_a_file_of_something_else_is_refused(limits):
     with pytest.raises(ConfigError, match='gate ate'):
         Gate.from_mapping({'ate': limits})
@@ -66,7 +99,9 @@ def test_no_number_never_passes(comparison):
 def test_each_gate_gets_its_own_verdict():
     gates = [Gate('a', '<=', 1.0), Gate('b', '>=', 1.0)]
     assert [(v.gate.metric, v.value, v.passed) for v in judge(gates, {'a': 2.0, 'b': 2.0})] == [
-        ('a', 2.0, False), ('b', 2.0, True)]
+        ('a', 2.0, False),
+        ('b', 2.0, True),
+    ]
 
 
 def test_a_gate_on_a_metric_that_there_is_not_gets_the_nearest_name():

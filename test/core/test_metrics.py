@@ -1,6 +1,7 @@
 """What is measured is what the definitions say, from the poses themselves and by brute force."""
 
 from dataclasses import replace
+from itertools import pairwise
 import math
 
 from hypothesis import example, given, settings
@@ -42,9 +43,9 @@ def matrices(trajectory: Trajectory, scale: float = 1.0) -> np.ndarray:
 
 def turned_by(matrix: np.ndarray) -> np.ndarray:
     """Return the degrees by which (M, 3, 3) matrices turn."""
-    return np.degrees(np.linalg.norm(
-        rotation.to_rotation_vector(rotation.from_matrix(matrix)), axis=-1
-    ))
+    return np.degrees(
+        np.linalg.norm(rotation.to_rotation_vector(rotation.from_matrix(matrix)), axis=-1)
+    )
 
 
 # Generic: whatever is added to METRICS passes these.
@@ -146,8 +147,9 @@ def test_a_turned_world_is_taken_out_of_the_orientations_as_well(flight, evaluat
     metrics = evaluate(estimate, flight).metrics
     assert metrics['ate_rot_max_deg'] < 1e-10
     # a sensor that is turned on the body stays turned, whatever the world
-    mounted = rotation.multiply(estimate.rotations, rotation.from_rotation_vector(
-        np.radians([0, 30.0, 0])))
+    mounted = rotation.multiply(
+        estimate.rotations, rotation.from_rotation_vector(np.radians([0, 30.0, 0]))
+    )
     metrics = evaluate(replace(estimate, rotations=mounted), flight).metrics
     assert metrics['ate_rot_min_deg'] == pytest.approx(30, abs=1e-9)
     assert metrics['ate_rot_max_deg'] == pytest.approx(30, abs=1e-9)
@@ -175,7 +177,7 @@ def _brute_force(along: np.ndarray, step: float, mode: str, exact: bool) -> list
         motions = [(i, nearest(along[i] + step)) for i in range(len(along))]
     else:
         poses = [nearest(mark * step) for mark in range(int(along[-1] / step) + 2)]
-        motions = list(zip(poses, poses[1:], strict=False))
+        motions = list(pairwise(poses))
     return [pair for pair in motions if near_enough(*pair)]
 
 
@@ -192,8 +194,9 @@ def test_motions_lead_to_the_first_pose_nearest_to_a_delta_further(unit, mode, s
     along = _along(unit, steps)
     found = candidates(along, Delta(float(delta), unit), mode)
     step = delta * 1_000_000_000 if unit == 's' else delta
-    motions = zip(found.begin[found.usable].tolist(), found.end[found.usable].tolist(),
-                  strict=True)
+    motions = zip(
+        found.begin[found.usable].tolist(), found.end[found.usable].tolist(), strict=True
+    )
     assert list(motions) == _brute_force(along, step, mode, exact=unit == 'f')
 
 
@@ -206,11 +209,13 @@ def test_deltas_are_measured_along_the_ground_truth_and_the_stamps_of_the_estima
     for i in range(1, len(truth)):
         path.append(path[-1] + math.dist(truth.positions[i], truth.positions[i - 1]))
         between = rotation.multiply(rotation.conjugate(truth.rotations[i - 1]), truth.rotations[i])
-        turned.append(turned[-1] + math.degrees(np.linalg.norm(
-            rotation.to_rotation_vector(between))))
+        turned.append(
+            turned[-1] + math.degrees(np.linalg.norm(rotation.to_rotation_vector(between)))
+        )
     np.testing.assert_array_equal(progress_along(run.pairs, 'f'), np.arange(len(truth)))
     np.testing.assert_array_equal(
-        progress_along(run.pairs, 's'), estimate.stamps_ns - estimate.stamps_ns[0])
+        progress_along(run.pairs, 's'), estimate.stamps_ns - estimate.stamps_ns[0]
+    )
     np.testing.assert_allclose(progress_along(run.pairs, 'm'), path, rtol=1e-12)
     np.testing.assert_allclose(progress_along(run.pairs, 'd'), turned, rtol=1e-12)
 
@@ -233,8 +238,10 @@ def test_relative_errors_are_those_of_composed_poses(flight, estimated, mode, al
             'trans_{}_m': np.linalg.norm(error[:, :3, 3], axis=1),
             'rot_{}_deg': turned_by(error[:, :3, :3]),
             'disp_{}_m': np.linalg.norm(aligned[j] - aligned[i] - (g[j] - g[i])[:, :3, 3], axis=1),
-            'dist_{}_m': np.abs(np.linalg.norm((p[j] - p[i])[:, :3, 3], axis=1)
-                                - np.linalg.norm((g[j] - g[i])[:, :3, 3], axis=1)),
+            'dist_{}_m': np.abs(
+                np.linalg.norm((p[j] - p[i])[:, :3, 3], axis=1)
+                - np.linalg.norm((g[j] - g[i])[:, :3, 3], axis=1)
+            ),
         }.items():
             for statistic, value in statistics(errors).items():
                 name = f'rpe_{delta}_{kind.format(statistic)}'
@@ -243,8 +250,10 @@ def test_relative_errors_are_those_of_composed_poses(flight, estimated, mode, al
 
 
 def test_relative_errors_do_not_depend_on_an_alignment_without_scale(flight, estimated, evaluate):
-    metrics = [evaluate(estimated(flight), flight, alignment=mode).metrics
-               for mode in ('none', 'origin', 'posyaw', 'se3')]
+    metrics = [
+        evaluate(estimated(flight), flight, alignment=mode).metrics
+        for mode in ('none', 'origin', 'posyaw', 'se3')
+    ]
     for name, value in metrics[0].items():
         if name.startswith(('rpe', 'segment', 'kitti', 'drift')) and 'disp' not in name:
             assert [other[name] for other in metrics] == [value] * 4
@@ -275,8 +284,11 @@ def test_segments_are_those_of_the_kitti_devkit(flight, estimated):
     metrics = METRICS['segments'](config).final(run)
     path = progress_along(run.pairs, 'm')
     p, g = matrices(run.pairs.estimate), matrices(run.pairs.ground_truth)
-    for name, over in (('segment_5m', [5]), ('segment_20m', [20]),
-                       ('kitti', range(100, 900, 100))):
+    for name, over in (
+        ('segment_5m', [5]),
+        ('segment_20m', [20]),
+        ('kitti', range(100, 900, 100)),
+    ):
         drift, turn = [], []
         for length in over:
             for i in range(0, len(path), 10):
@@ -292,8 +304,9 @@ def test_segments_are_those_of_the_kitti_devkit(flight, estimated):
 
 
 def test_drift_is_the_error_at_the_end_in_percent_of_the_path(evaluate):
-    truth = Trajectory(np.arange(5) * 10**7, np.outer(np.arange(5.0), [3, 4, 0]),
-                       np.tile([0.0, 0, 0, 1], (5, 1)))
+    truth = Trajectory(
+        np.arange(5) * 10**7, np.outer(np.arange(5.0), [3, 4, 0]), np.tile([0.0, 0, 0, 1], (5, 1))
+    )
     estimate = replace(truth, positions=truth.positions * 1.1)
     metrics = evaluate(estimate, truth).metrics
     assert metrics['path_length_m'] == pytest.approx(20, rel=1e-12)
@@ -308,13 +321,20 @@ def consistent(count: int, seed: int) -> tuple[Trajectory, Trajectory]:
     rng = np.random.default_rng(seed)
     factors = (rng.normal(size=(count, 2, 3, 3)) + 5 * np.eye(3)) * [[[0.03]], [[0.004]]]
     errors = np.squeeze(factors @ rng.normal(size=(count, 2, 3, 1)), -1)
-    truth = Trajectory(np.arange(count) * 10**7, rng.normal(0, 5, (count, 3)),
-                       rotation.normalize(rng.normal(size=(count, 4))))
+    truth = Trajectory(
+        np.arange(count) * 10**7,
+        rng.normal(0, 5, (count, 3)),
+        rotation.normalize(rng.normal(size=(count, 4))),
+    )
     # orientation errors are rotations about the fixed axes of the world, as ROS has it
     rotations = rotation.multiply(rotation.from_rotation_vector(errors[:, 1]), truth.rotations)
     covariances = factors @ np.swapaxes(factors, -1, -2)
-    return replace(truth, positions=truth.positions + errors[:, 0], rotations=rotations,
-                   covariances=covariances), truth
+    return replace(
+        truth,
+        positions=truth.positions + errors[:, 0],
+        rotations=rotations,
+        covariances=covariances,
+    ), truth
 
 
 @pytest.mark.parametrize('alignment', ['none', 'se3', 'sim3'])
@@ -332,8 +352,10 @@ def test_nees_does_not_depend_on_the_world_of_the_estimate(evaluate, alignment, 
     matrix = rotation.to_matrix(turn)
     covariances = matrix @ estimate.covariances @ matrix.T * [[[scale**2]], [[1.0]]]
     moved = Trajectory(
-        estimate.stamps_ns, scale * rotation.rotate(turn, estimate.positions) + [7, 8, 9],
-        rotation.multiply(turn, estimate.rotations), covariances,
+        estimate.stamps_ns,
+        scale * rotation.rotate(turn, estimate.positions) + [7, 8, 9],
+        rotation.multiply(turn, estimate.rotations),
+        covariances,
     )
     here, there = (evaluate(e, truth, alignment=alignment).metrics for e in (estimate, moved))
     for name in ('nees_position_mean', 'nees_orientation_mean'):
@@ -349,8 +371,9 @@ def test_nees_takes_each_block_for_its_own_error(evaluate):
         assert after[name] == pytest.approx(before[name] / factor, rel=1e-9)
 
 
-@pytest.mark.parametrize('unusable', [np.zeros((3, 3)), np.diag([1.0, -1, 1]),
-                                      np.full((3, 3), np.nan), SINGULAR])
+@pytest.mark.parametrize(
+    'unusable', [np.zeros((3, 3)), np.diag([1.0, -1, 1]), np.full((3, 3), np.nan), SINGULAR]
+)
 def test_nees_leaves_out_covariances_that_are_none(evaluate, unusable):
     estimate, truth = consistent(100, 3)
     covariances = estimate.covariances.copy()
@@ -358,9 +381,12 @@ def test_nees_leaves_out_covariances_that_are_none(evaluate, unusable):
     summary = evaluate(replace(estimate, covariances=covariances), truth, alignment='none')
     kept = evaluate(estimate[1::2], truth, alignment='none').metrics
     assert summary.metrics['nees_position_mean'] == pytest.approx(
-        kept['nees_position_mean'], rel=1e-9)
+        kept['nees_position_mean'], rel=1e-9
+    )
     assert math.isfinite(summary.metrics['nees_orientation_mean'])
-    assert any(text.startswith('nees_position: 50 of 100 covariances') for text in summary.warnings)
+    assert any(
+        text.startswith('nees_position: 50 of 100 covariances') for text in summary.warnings
+    )
 
 
 def test_nees_of_an_estimate_without_scale_is_not_a_number(evaluate):

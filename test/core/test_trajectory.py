@@ -10,7 +10,9 @@ import pytest
 from vio_eval_ros.core.trajectory import clean, Cleaning, PairLog, Pairs, Poses, Trajectory
 
 IDENTITY = [0.0, 0.0, 0.0, 1.0]
-ARRIVALS = st.lists(st.tuples(st.integers(0, 12), st.sampled_from(['good', 'nan', 'zero', 'long'])))
+ARRIVALS = st.lists(
+    st.tuples(st.integers(0, 12), st.sampled_from(['good', 'nan', 'zero', 'long']))
+)
 
 
 def poses(stamps, rotations=None):
@@ -102,8 +104,10 @@ def test_selecting_and_joining_keep_the_columns_together():
     joined = Trajectory.concatenate([whole[:1], Trajectory.empty(), whole[1:]])
     for name in ('stamps_ns', 'positions', 'rotations', 'covariances'):
         np.testing.assert_array_equal(getattr(joined, name), getattr(whole, name))
-    assert Trajectory.concatenate([whole, Trajectory(np.array([9]), np.ones((1, 3)))]).rotations \
+    assert (
+        Trajectory.concatenate([whole, Trajectory(np.array([9]), np.ones((1, 3)))]).rotations
         is None
+    )
     assert len(Trajectory.concatenate([Trajectory.empty(), Trajectory.empty()])) == 0
 
 
@@ -112,13 +116,15 @@ def test_the_log_returns_all_pairs_in_order_whatever_the_batches(sizes):
     count = sum(sizes)
     rng = np.random.default_rng(count)
     whole = Pairs(
-        *(Trajectory(np.arange(count), rng.normal(size=(count, 3)), rng.normal(size=(count, 4)))
-          for _ in range(2)),
+        *(
+            Trajectory(np.arange(count), rng.normal(size=(count, 3)), rng.normal(size=(count, 4)))
+            for _ in range(2)
+        ),
         rng.normal(size=(count, 4)),
     )
     log, begin = PairLog(), 0
     for size in sizes:
-        log.append(whole[begin:begin + size])
+        log.append(whole[begin : begin + size])
         begin += size
         read = log.all()
         assert len(read) == begin

@@ -98,21 +98,24 @@ def test_covariances_are_the_diagonal_blocks_of_the_matrix():
 
 def test_a_covariance_of_zeros_beside_others_is_kept():
     odometry = [covariant_pose(1, np.zeros(36)), covariant_pose(2)]
-    assert collect('nav_msgs/msg/Odometry', odometry).covariances is not None
+    covariances = collect('nav_msgs/msg/Odometry', odometry).covariances
+    assert np.isnan(covariances[0]).all()
+    assert np.isfinite(covariances[1]).all()
 
 
 @pytest.mark.parametrize(('entry', 'value'), [(0, -1.0), (35, -1e-9), (7, np.nan), (2, np.inf)])
-def test_one_unusable_covariance_makes_the_column_none(entry, value):
+def test_an_unusable_covariance_is_nan_and_spoils_no_other(entry, value):
     unusable = COVARIANCE.copy()
     unusable[entry] = value
     poses = collect('nav_msgs/msg/Odometry', [covariant_pose(1), covariant_pose(2, unusable)])
-    assert poses.covariances is None
+    assert np.isfinite(poses.covariances[0]).all()
+    assert np.isnan(poses.covariances[1]).all()
     assert len(poses) == 2
 
 
-def test_covariances_that_are_all_zero_are_none():
+def test_covariances_of_zeros_are_unknown():
     odometry = [covariant_pose(stamp, np.zeros(36)) for stamp in (1, 2)]
-    assert collect('nav_msgs/msg/Odometry', odometry).covariances is None
+    assert np.isnan(collect('nav_msgs/msg/Odometry', odometry).covariances).all()
 
 
 def test_messages_of_rclpy_serve_as_well():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 import sys
 from typing import NamedTuple
@@ -12,8 +12,7 @@ from vio_eval_ros.cli.shell import (
     add_options,
     config_of,
     FAILED,
-    Help,
-    load_yaml,
+    gates_of,
     Parser,
     PASSED,
     progress,
@@ -24,7 +23,7 @@ from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation, metric_names, running_series
 from vio_eval_ros.core.gates import check_names, Gate, judge
 from vio_eval_ros.errors import ConfigError, NoPairs, VioEvalError
-from vio_eval_ros.recordings.sources import default_topics, read_sources, Source
+from vio_eval_ros.recordings.sources import default_topics, read_sources, Source, Spec
 from vio_eval_ros.reports import REPORTS, write
 from vio_eval_ros.reports.result import Input, Result
 from vio_eval_ros.reports.tables import series_csv
@@ -70,7 +69,6 @@ def _parser() -> Parser:
         prog='replay',
         description=__doc__,
         epilog=EXAMPLES,
-        formatter_class=Help,
     )
     parser.add_argument(
         'recording',
@@ -130,11 +128,12 @@ def _replay(arguments: argparse.Namespace) -> int:
     series = arguments.series and Target.parse(arguments.series, SERIES)
     gates = [Gate.parse(text) for text in arguments.gate]
     if arguments.gates is not None:
-        gates += Gate.from_mapping(load_yaml(arguments.gates))
+        gates += gates_of(arguments.gates)
     if gates:
         check_names(gates, metric_names(config))
 
     estimate, truth = _sources(arguments)
+    _check_targets([*reports, *([series] if series else [])], [*estimate.paths, *truth.paths])
     evaluation = Evaluation(config)
     evaluation.add_ground_truth(truth.poses, truth.zero_stamps)
     evaluation.add_estimate(estimate.poses, estimate.zero_stamps)
@@ -159,13 +158,13 @@ def _replay(arguments: argparse.Namespace) -> int:
         summary,
         judge(gates, summary.metrics),
     )
-    print(REPORTS['json'](result) if arguments.json else text_report(result), end='', flush=True)
     written = [
         _written(report, lambda report=report: REPORTS[report.format](result))
         for report in reports
     ]
     if series:
         written.append(_written(series, lambda: _series(config, estimate, truth)))
+    print(REPORTS['json'](result) if arguments.json else text_report(result), end='', flush=True)
     if not all(written):
         return UNABLE
     return FAILED if result.passed is False else PASSED
@@ -173,13 +172,29 @@ def _replay(arguments: argparse.Namespace) -> int:
 
 def _sources(arguments: argparse.Namespace) -> list[Source]:
     """Return the estimate and the ground truth."""
+    recording = arguments.recording
     specs = [arguments.estimate, arguments.ground_truth]
     if None in specs:
-        if arguments.recording is None:
+        if recording is None:
             raise ConfigError('give a RECORDING, or both --estimate and --ground-truth')
-        defaults = default_topics(arguments.recording, *specs)
+        defaults = default_topics(recording, *specs)
         specs = [given or default for given, default in zip(specs, defaults, strict=True)]
-    return read_sources(specs, arguments.recording, arguments.times, progress)
+    elif recording is not None and all(Spec.parse(spec).path for spec in specs):
+        raise ConfigError(f'{recording} is not used: --estimate and --ground-truth are elsewhere')
+    sources = read_sources(specs, recording, arguments.times, progress)
+    if arguments.times is not None and not any(source.kind == 'kitti' for source in sources):
+        raise ConfigError('--times goes with KITTI pose files, and neither input is one')
+    return sources
+
+
+def _check_targets(targets: Sequence[Target], inputs: Sequence[Path]) -> None:
+    """Raise ``ConfigError`` where two reports, or a report and an input, are the same file."""
+    taken = {path.resolve(): f'the input {path}' for path in inputs}
+    for target in targets:
+        path = target.path.resolve()
+        if path in taken and (path.is_file() or not path.exists()):
+            raise ConfigError(f'{target.format}:{target.path} would overwrite {taken[path]}')
+        taken[path] = f'{target.format}:{target.path}'
 
 
 def _written(target: Target, render: Callable[[], str]) -> bool:
@@ -187,7 +202,7 @@ def _written(target: Target, render: Callable[[], str]) -> bool:
     try:
         write(target.path, render())
     except VioEvalError as error:
-        print(f'replay: {target.format} report: {error}', file=sys.stderr)
+        print(f'replay: {target.format}:{error}', file=sys.stderr)
         return False
     return True
 
@@ -198,10 +213,12 @@ def _series(config: EvaluationConfig, estimate: Source, truth: Source) -> str:
     return series_csv(running_series(config, estimate.poses, truth.poses, zero_stamps))
 
 
-def _sha256(source: Source) -> str:
-    """Return the hash of the files of a source, one behind the other."""
+def _sha256(source: Source) -> str | None:
+    """Return the hash of the files of a source, one behind the other; None for a pipe."""
     import hashlib
 
+    if not all(path.is_file() for path in source.paths):
+        return None
     digest = hashlib.sha256()
     for path in source.paths:
         with path.open('rb') as file:

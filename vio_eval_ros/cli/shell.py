@@ -3,18 +3,23 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import fields
+import io
 import os
 from pathlib import Path
+import re
 import sys
+import time
 from typing import Any, NoReturn
 
 from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.gates import Gate
 from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
 
 PASSED, FAILED, UNABLE = 0, 1, 2
 MAX_YAML_BYTES = 1 << 20
+BAR_AFTER_S = 0.5
 
 
 class Help(argparse.RawDescriptionHelpFormatter):
@@ -29,7 +34,11 @@ class Help(argparse.RawDescriptionHelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line."""
+    """An argument parser whose errors are one line, and to which -1e-5 is a number."""
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__(**options, allow_abbrev=False, formatter_class=Help)
+        self._negative_number_matcher = re.compile(r'-(\d|\.\d|inf)')
 
     def error(self, message: str) -> NoReturn:
         """Exit with status 2 and one line on stderr."""
@@ -42,6 +51,9 @@ def run(verb: str, main: Callable[[], int]) -> int:
 
     In Python's development mode (``python -X dev``) an unexpected error is raised instead.
     """
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors='backslashreplace')  # names need not fit the terminal
     try:
         return main()
     except VioEvalError as error:
@@ -50,6 +62,8 @@ def run(verb: str, main: Callable[[], int]) -> int:
         # whoever read our output has gone; let nothing try to write the rest at exit
         sys.stdout = None  # type: ignore[assignment]
         return UNABLE
+    except OSError as error:
+        problem = str(error)
     except KeyboardInterrupt:
         problem = 'interrupted'
     except MemoryError:
@@ -105,12 +119,25 @@ def config_of(arguments: argparse.Namespace) -> EvaluationConfig:
 def options_of(path: Path) -> dict[str, Any]:
     """Return the options in a YAML file: a plain mapping, or a ROS parameter file."""
     values = load_yaml(path)
-    for node in ('/**', 'vio_evaluator', '/vio_evaluator'):
-        if isinstance(values.get(node), Mapping) and 'ros__parameters' in values[node]:
-            values = values[node]['ros__parameters']
-    if not isinstance(values, dict):
-        raise ConfigError(f'{path}: options are a mapping of names to values')
-    return values
+    nodes = [name for name in ('/**', 'vio_evaluator', '/vio_evaluator') if name in values]
+    if not nodes:
+        return values
+    merged: dict[str, Any] = {}
+    for name in nodes:
+        node = values[name]
+        parameters = node.get('ros__parameters') if isinstance(node, dict) else None
+        if not isinstance(parameters, dict):
+            raise ConfigError(f'{path}: {name} has no mapping ros__parameters')
+        merged |= parameters
+    return merged
+
+
+def gates_of(path: Path) -> list[Gate]:
+    """Return the gates in a YAML file; none at all is an error."""
+    gates = Gate.from_mapping(load_yaml(path))
+    if not gates:
+        raise ConfigError(f'{path}: there are no gates')
+    return gates
 
 
 def load_yaml(path: Path) -> dict[str, Any]:
@@ -122,10 +149,11 @@ def load_yaml(path: Path) -> dict[str, Any]:
             text = file.read(MAX_YAML_BYTES + 1)
         if len(text) > MAX_YAML_BYTES:
             raise ReadError(path, 'too large for a file of options')
+        _refuse_repetition(path, yaml.compose(text, Loader=yaml.SafeLoader), set())
         values = yaml.safe_load(text)
     except OSError as error:
         raise ReadError(path, error.strerror or str(error)) from None
-    except (yaml.YAMLError, UnicodeDecodeError, RecursionError, ValueError) as error:
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
         raise ReadError(path, f'not valid YAML: {" ".join(str(error).split())}') from None
     if values is None:
         return {}
@@ -134,10 +162,34 @@ def load_yaml(path: Path) -> dict[str, Any]:
     return values
 
 
-def progress(items: Iterable[Any], total: int) -> Iterable[Any]:
-    """Return the items; a read that takes long shows a bar, if stderr is a terminal."""
-    if not sys.stderr.isatty():
-        return items
-    from tqdm import tqdm
+def _refuse_repetition(path: Path, node: Any, seen: set[int]) -> None:
+    """Raise where a key is given twice, or an alias repeats a part, perhaps a billion times."""
+    children = [] if node is None or isinstance(node.value, str) else node.value
+    keys: set[str] = set()
+    for child in children:
+        pair = child if isinstance(child, tuple) else (child,)
+        line = pair[0].start_mark.line + 1
+        if len(pair) == 2:
+            if str(pair[0].value) in keys:
+                raise ReadError(path, f"line {line}: '{pair[0].value}' is there already")
+            keys.add(str(pair[0].value))
+        for part in pair:
+            if id(part) in seen:
+                raise ReadError(path, f'line {line}: aliases are not allowed')
+            seen.add(id(part))
+            _refuse_repetition(path, part, seen)
 
-    return tqdm(items, total=total, desc='reading', unit='', delay=0.5, leave=False)
+
+def progress(items: Iterable[Any], total: int) -> Iterator[Any]:
+    """Yield the items; a read that takes long shows a bar, if stderr is a terminal."""
+    items, begin, done = iter(items), time.monotonic(), 0
+    if sys.stderr.isatty():
+        for item in items:
+            yield item
+            done += 1
+            if time.monotonic() - begin > BAR_AFTER_S:
+                from tqdm import tqdm
+
+                items = tqdm(items, 'reading', total, initial=done, unit='', leave=False)
+                break
+    yield from items

@@ -6,7 +6,8 @@ An alignment takes the estimate into the world of the ground truth: g ≈ s R e 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 import math
 
 import numpy as np
@@ -17,6 +18,7 @@ from vio_eval_ros.core.trajectory import blocks, Pairs, Trajectory
 SCALED_MODES = ('scale', 'sim3')
 COLLINEAR = 1e-3
 MIN_EXTENT_M = 1e-6
+MIN_SCALE = 1e-3
 IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 
 
@@ -119,14 +121,15 @@ class Alignment:
     :param scale: s; NaN where the estimate does not move.
     :param rotation: R as (4,) unit quaternion x y z w.
     :param translation: t, (3,) metres; NaN where there is nothing to align.
-    :param observable: whether the motion determines R; rotation errors are NaN otherwise.
+    :param undetermined: why the motion does not determine R, empty where it does; rotation errors
+        are NaN then.
     """
 
     mode: str
     scale: float
     rotation: np.ndarray
     translation: np.ndarray
-    observable: bool
+    undetermined: str = ''
 
     def positions(self, estimate: np.ndarray) -> np.ndarray:
         """Return (N, 3) positions of the estimate in the ground truth's world."""
@@ -140,11 +143,21 @@ class Alignment:
         return Trajectory(estimate.stamps_ns, self.positions(estimate.positions), rotations)
 
     @property
+    def observable(self) -> bool:
+        """Whether the motion determines R."""
+        return not self.undetermined
+
+    def near(self) -> Alignment:
+        """Return the alignment with a scale that can be divided by, as a reference must have."""
+        usable = MIN_SCALE < self.scale < 1 / MIN_SCALE
+        return self if usable else replace(self, scale=1.0)
+
+    @cached_property
     def matrix(self) -> np.ndarray:
         """The (3, 3) rotation matrix."""
         return rotation.to_matrix(self.rotation)
 
-    @property
+    @cached_property
     def linear(self) -> np.ndarray:
         """The (3, 3) s R."""
         return self.scale * self.matrix
@@ -166,10 +179,10 @@ class Alignment:
         return float(bias @ bias + max(spread, 0.0))
 
 
-def undetermined(mode: str) -> Alignment:
+def undetermined(mode: str, why: str) -> Alignment:
     """Return the alignment of nothing: every error under it is NaN."""
     scale = math.nan if mode in SCALED_MODES else 1.0
-    return Alignment(mode, scale, IDENTITY, np.full(3, math.nan), False)
+    return Alignment(mode, scale, IDENTITY, np.full(3, math.nan), why)
 
 
 def solve(mode: str, moments: Moments, first: Pairs) -> Alignment:
@@ -184,17 +197,17 @@ def solve(mode: str, moments: Moments, first: Pairs) -> Alignment:
     Umeyama (1991), equations 34 to 43, for se3 and sim3; Zhang and Scaramuzza (2018), for posyaw.
     """
     if mode == 'none':
-        return Alignment(mode, 1.0, IDENTITY, np.zeros(3), True)
+        return Alignment(mode, 1.0, IDENTITY, np.zeros(3))
     if not moments.count:
-        return undetermined(mode)
+        return undetermined(mode, 'there are no pairs')
     if mode == 'origin':
         return _origin(first)
     mean_e, mean_g, cross = moments.mean_estimate, moments.mean_truth, moments.cross
     if mode == 'scale':
         own = float(np.trace(moments.estimate_scatter)) + moments.count * float(mean_e @ mean_e)
         both = float(np.trace(cross)) + moments.count * float(mean_e @ mean_g)
-        return Alignment(mode, both / own if own > 0 else math.nan, IDENTITY, np.zeros(3), True)
-    scale, observable = 1.0, _turns(mode, moments)
+        return Alignment(mode, both / own if own > 0 else math.nan, IDENTITY, np.zeros(3))
+    scale, why = 1.0, _why_undetermined(mode, moments)
     if mode == 'posyaw':
         yaw = math.atan2(cross[1, 0] - cross[0, 1], cross[0, 0] + cross[1, 1])
         turn = np.array([0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)])
@@ -204,35 +217,41 @@ def solve(mode: str, moments: Moments, first: Pairs) -> Alignment:
         turn = rotation.from_matrix((u * signs) @ vt)
         if mode == 'sim3':
             own = float(np.trace(moments.estimate_scatter))
-            moves = own > moments.count * MIN_EXTENT_M**2
+            moves = own > MIN_EXTENT_M**2
             scale = float(d @ signs) / own if moves else math.nan
-    return Alignment(mode, scale, turn, mean_g - scale * rotation.rotate(turn, mean_e), observable)
+    return Alignment(mode, scale, turn, mean_g - scale * rotation.rotate(turn, mean_e), why)
 
 
 def _origin(first: Pairs) -> Alignment:
     """Return the alignment under which the first poses of both coincide."""
     estimate, truth = first.estimate, first.ground_truth
     if estimate.rotations is None or truth.rotations is None:
-        return undetermined('origin')
+        return undetermined('origin', 'a first pose has no orientation')
     turn = rotation.multiply(truth.rotations[0], rotation.conjugate(estimate.rotations[0]))
     return Alignment(
         'origin',
         1.0,
         turn,
         truth.positions[0] - rotation.rotate(turn, estimate.positions[0]),
-        True,
     )
 
 
-def _turns(mode: str, moments: Moments) -> bool:
-    """Return whether the motion of both determines the rotation: not a point, and not a line."""
-    for scatter in (moments.truth_scatter, moments.estimate_scatter):
+def _why_undetermined(mode: str, moments: Moments) -> str:
+    """Return why the motion of both does not determine the rotation; empty where it does."""
+    needed = 2 if mode == 'posyaw' else 3
+    if moments.count < needed:
+        return f'there are fewer than {needed} pairs'
+    for name, scatter in (
+        ('ground truth', moments.truth_scatter),
+        ('estimate', moments.estimate_scatter),
+    ):
         spread = np.linalg.eigvalsh(scatter)[::-1].clip(min=0)
         longest, second = np.sqrt(spread[:2])
-        if mode == 'posyaw':
-            level = math.sqrt(np.trace(scatter[:2, :2]))
-            if moments.count < 2 or level < max(MIN_EXTENT_M, COLLINEAR * float(longest)):
-                return False
-        elif moments.count < 3 or longest < MIN_EXTENT_M or second < COLLINEAR * longest:
-            return False
-    return True
+        if longest < MIN_EXTENT_M:
+            return f'the {name} stands still'
+        level = math.sqrt(np.trace(scatter[:2, :2]))
+        if mode == 'posyaw' and level < COLLINEAR * longest:
+            return f'the {name} moves straight up or down'
+        if mode != 'posyaw' and second < COLLINEAR * longest:
+            return f'the {name} moves along a line'
+    return ''

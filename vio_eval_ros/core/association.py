@@ -10,7 +10,7 @@ import numpy as np
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.core.trajectory import clean, Cleaning, Pairs, Poses, Trajectory
+from vio_eval_ros.core.trajectory import as_slice, clean, Cleaning, Pairs, Poses, Trajectory
 from vio_eval_ros.errors import ConfigError
 
 BEFORE_ALL = np.iinfo(np.int64).min
@@ -34,13 +34,6 @@ def nearest(stamps: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.asarray(
         np.where(np.abs(stamps - others[before]) <= np.abs(others[after] - stamps), before, after)
     )
-
-
-def _as_slice(index: np.ndarray) -> np.ndarray | slice:
-    """Return increasing indices as a slice where none is left out: rows that need no copy."""
-    if len(index) and index[-1] - index[0] + 1 == len(index):
-        return slice(int(index[0]), int(index[-1]) + 1)
-    return index
 
 
 class Intervals:
@@ -88,6 +81,8 @@ class Stream:
         self.waiting = Trajectory.empty()
         self.first_ns = AFTER_ALL
         self.newest_ns = BEFORE_ALL
+        self.first_used_ns = AFTER_ALL
+        self.last_used_ns = BEFORE_ALL
         self.used = 0
         self.settled = 0
         self.position_only = False
@@ -133,8 +128,14 @@ class Stream:
                 'poses without orientation cannot be moved to another frame; leave '
                 'estimate_to_body and ground_truth_to_body at the identity for them'
             )
+        covariances = tracked.covariances
+        if covariances is not None and self._lever.any():
+            # the position's would need how it goes with the orientation's
+            covariances = covariances.copy()
+            covariances[:, 0] = np.nan
         return replace(
             tracked,
+            covariances=covariances,
             positions=tracked.positions + rotation.rotate(tracked.rotations, self._lever),
             rotations=rotation.multiply(tracked.rotations, self._turn),
         )
@@ -152,6 +153,9 @@ class Stream:
         """Count the poses in (after, until], whose partners are known; return their intervals."""
         begin, end = np.searchsorted(self.waiting.stamps_ns, [after_ns, until_ns], side='right')
         self.settled += int(end - begin)
+        if end > begin:
+            self.first_used_ns = min(self.first_used_ns, int(self.waiting.stamps_ns[begin]))
+            self.last_used_ns = int(self.waiting.stamps_ns[end - 1])
         return self.intervals.add(self.waiting.stamps_ns[begin:end])
 
     def forget(self, before_ns: int) -> None:
@@ -216,16 +220,22 @@ class Associator:
             self._estimate_intervals = [np.concatenate(self._estimate_intervals)]
             limit_ns = max(limit_ns, 3 * float(np.median(self._estimate_intervals[0])))
         duration_ns = self.ground_truth.intervals.total_ns(limit_ns)
-        return self._tracked.total_ns(limit_ns) / duration_ns if duration_ns else math.nan
+        # the estimates of the first and last pair may lie outside the ground truth
+        return (
+            min(1.0, self._tracked.total_ns(limit_ns) / duration_ns) if duration_ns else math.nan
+        )
 
     def _advance(self, horizon_ns: int) -> Pairs:
         """Return the pairs between the last horizon and this one."""
         if horizon_ns <= self._horizon_ns:
             return Pairs.empty()
-        if self._begin_ns is None:
-            self._begin_ns = self.ground_truth.first_ns
-        if self._begin_ns != AFTER_ALL and (self._start_ns or self._end_ns is not None):
-            self._crop(self._begin_ns)
+        if self._start_ns or self._end_ns is not None:
+            if horizon_ns < self.ground_truth.first_ns:
+                return Pairs.empty()  # an earlier ground truth, from which time counts, may come
+            if self._begin_ns is None:
+                self._begin_ns = self.ground_truth.first_ns
+            if self._begin_ns != AFTER_ALL:
+                self._crop(self._begin_ns)
         decided = self._nearest if self._mode == 'nearest' else self._interpolated
         pairs = decided(self._horizon_ns, horizon_ns)
         self._tracked.add(pairs.estimate.stamps_ns)
@@ -269,7 +279,7 @@ class Associator:
         )
         candidates = partner[chosen]
         mutual = nearest(truth.stamps_ns[candidates], estimate.stamps_ns) == chosen
-        return Pairs.of(estimate[_as_slice(chosen[mutual])], truth[_as_slice(candidates[mutual])])
+        return Pairs.of(estimate[as_slice(chosen[mutual])], truth[as_slice(candidates[mutual])])
 
     def _interpolated(self, after_ns: int, until_ns: int) -> Pairs:
         """Return estimates with interpolated truth, as far as the new horizon decides."""

@@ -48,7 +48,7 @@ class Delta(NamedTuple):
 
     def __str__(self) -> str:
         """Return the delta as it is written in options and metric names."""
-        return f'{self.value:.9f}'.rstrip('0').rstrip('.') + self.unit
+        return plain(self.value) + self.unit
 
 
 def option(
@@ -149,8 +149,10 @@ class EvaluationConfig(Options):
         object.__setattr__(self, 'rpe_deltas', tuple(dict.fromkeys(deltas)))
         if self.start_s >= self.end_s:
             raise ConfigError(f'start_s: {self.start_s:g} is not before end_s: {self.end_s:g}')
-        if not all(length > 0 for length in self.segment_lengths_m):
+        lengths = tuple(dict.fromkeys(round(length, 9) for length in self.segment_lengths_m))
+        if not all(length > 0 for length in lengths):
             raise ConfigError('segment_lengths_m: every length is a positive number of metres')
+        object.__setattr__(self, 'segment_lengths_m', lengths)
         for name in ('estimate_to_body', 'ground_truth_to_body'):
             pose = getattr(self, name)
             if len(pose) != 7 or abs(math.hypot(*pose[3:]) - 1) > 1e-2:
@@ -170,6 +172,11 @@ class EvaluationConfig(Options):
         return values
 
 
+def plain(value: float) -> str:
+    """Return a number without an exponent, with at most nine decimals."""
+    return f'{value:.9f}'.rstrip('0').rstrip('.')
+
+
 def nearest_name(name: str, known: Any) -> str:
     """Return '; did you mean ...?' where a known name is close, else nothing."""
     import difflib
@@ -178,21 +185,27 @@ def nearest_name(name: str, known: Any) -> str:
     return f"; did you mean '{close[0]}'?" if close else ''
 
 
+def _shown(value: Any) -> str:
+    """Return a value as an error shows it, cut where it is long."""
+    text = f"'{value}'" if isinstance(value, (str, int, float)) else type(value).__name__
+    return text if len(text) <= 60 else text[:60] + "...'"
+
+
 def _typed(name: str, value: Any, kind: Any) -> Any:
     """Return the value as what the annotation ``kind`` of the option says."""
     if kind == 'str':
         if isinstance(value, str):
             return value
-        raise ConfigError(f"{name}: '{value}' is not a word")
+        raise ConfigError(f'{name}: {_shown(value)} is not a word')
     if kind == 'bool':
         if isinstance(value, bool):
             return value
-        raise ConfigError(f"{name}: '{value}' is neither true nor false")
+        raise ConfigError(f'{name}: {_shown(value)} is neither true nor false')
     if kind == 'float':
         return _number(name, math.inf if name == 'end_s' and value is None else value)
     items = [value] if isinstance(value, (str, int, float)) else value
     if not isinstance(items, (list, tuple)):
-        raise ConfigError(f"{name}: '{value}' is not a list")
+        raise ConfigError(f'{name}: {_shown(value)} is not a list')
     if kind == 'tuple[str, ...]':
         return tuple(_typed(name, item, 'str') for item in items)
     return tuple(_number(name, item) for item in items)
@@ -202,10 +215,10 @@ def _number(name: str, value: Any) -> float:
     """Return a number that an option can take: never NaN, infinite only for ``end_s``."""
     try:
         number = float('nan' if isinstance(value, bool) else value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         number = math.nan
     if math.isnan(number) or (math.isinf(number) and (name != 'end_s' or number < 0)):
-        raise ConfigError(f"{name}: '{value}' is not a finite number")
+        raise ConfigError(f'{name}: {_shown(value)} is not a finite number')
     if name.endswith('_s') and math.isfinite(number) and abs(number) > MAX_SECONDS:
         raise ConfigError(f'{name}: {number:g} s is more than a clock can be off')
     return number

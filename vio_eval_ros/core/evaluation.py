@@ -21,13 +21,12 @@ from typing import Any
 import numpy as np
 
 from vio_eval_ros.core.alignment import Alignment, Moments, solve
-from vio_eval_ros.core.association import Associator, BEFORE_ALL, nanoseconds, Stream
+from vio_eval_ros.core.association import AFTER_ALL, Associator, BEFORE_ALL, nanoseconds, Stream
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.metrics import METRICS, Run
 from vio_eval_ros.core.trajectory import PairLog, Pairs, Poses
 
 FEW_PAIRS = 10
-MIN_SCALE = 1e-3
 SECOND_NS = 10**9
 
 
@@ -79,16 +78,34 @@ class Evaluation:
         Return the running values over the pairs so far.
 
         Each call takes in the pairs since the one before. Equal to those of :meth:`summary` to
-        1e-9 relative.
+        1e-9 relative, unless a few poses are off by a million times the others' errors.
         """
-        pairs = self._decided()
-        moments = self._running_moments(pairs)
-        fitted = Moments.of(self._to_align(pairs)) if self._align_first_ns else moments
-        run = Run(pairs, moments, self._solve(fitted, pairs), self.associator, [])
+        pairs, alignment = self.aligned()
+        run = Run(pairs, self._moments, alignment, self.associator, [])
         values: dict[str, float] = {'pairs': len(pairs)}
         for metric in self._metrics:
             values |= metric.running(run)
         return values
+
+    def aligned(self) -> tuple[Pairs, Alignment]:
+        """Return the pairs so far, and their alignment."""
+        pairs = self._decided()
+        moments = self._running_moments(pairs)
+        fitted = Moments.of(self._to_align(pairs)) if self._align_first_ns else moments
+        return pairs, self._solve(fitted, pairs)
+
+    def window(self, seconds: float) -> dict[str, float]:
+        """Return all metrics over the pairs of the last seconds, under the alignment of all."""
+        pairs, alignment = self.aligned()
+        stamps = pairs.estimate.stamps_ns
+        if len(stamps):
+            pairs = pairs[np.searchsorted(stamps, stamps[-1] - nanoseconds(seconds)) :]
+        run = Run(pairs, Moments.of(pairs), alignment, self.associator, [])
+        metrics: dict[str, float] = {}
+        for metric in self._metrics:
+            metrics |= metric.final(run)
+        # what was not paired is counted for the whole run only
+        return metrics | {'coverage_ratio': math.nan, 'matched_ratio': math.nan}
 
     def summary(self) -> Summary:
         """Return all metrics over the pairs so far."""
@@ -98,8 +115,11 @@ class Evaluation:
         fitted = Moments.of(self._to_align(pairs)) if self._align_first_ns else moments
         alignment = self._solve(fitted, pairs)
         if len(pairs) and not alignment.observable:
-            warnings.append(self._unobservable(len(pairs)))
-        elif len(pairs) < FEW_PAIRS:
+            warnings.append(
+                f'{alignment.undetermined}: the rotation of the {alignment.mode} alignment is not '
+                'determined; rotation errors are null'
+            )
+        if len(pairs) < FEW_PAIRS:
             warnings.append(f'{_only(len(pairs))}: the numbers mean little')
         run = Run(pairs, moments, alignment, self.associator, warnings)
         metrics: dict[str, float] = {}
@@ -138,9 +158,7 @@ class Evaluation:
     def _running_moments(self, pairs: Pairs) -> Moments:
         """Return the moments of all pairs, about an alignment never older than half of them."""
         if len(pairs) >= 2 * self._referenced:
-            best = solve('sim3', Moments.of(pairs), pairs[:1])
-            usable = MIN_SCALE < best.scale < 1 / MIN_SCALE
-            reference = best.linear if usable else best.matrix
+            reference = solve('sim3', Moments.of(pairs), pairs[:1]).near().linear
             self._moments, self._referenced = Moments.of(pairs, reference), len(pairs)
         else:
             new = Moments.of(pairs[self._moments.count :], self._moments.reference)
@@ -170,15 +188,6 @@ class Evaluation:
             'unmatched_estimates': estimate.settled - len(pairs),
             'unmatched_ground_truth': truth.settled - len(pairs) if one_to_one else math.nan,
         }
-
-    def _unobservable(self, pairs: int) -> str:
-        if self.config.alignment == 'origin':
-            return 'alignment origin needs the orientations of both first poses: errors are null'
-        why = _only(pairs) if pairs < 3 else 'the ground truth stands still or moves along a line'
-        return (
-            f'{why}: the rotation of the {self.config.alignment} alignment is not determined; '
-            'rotation errors are null'
-        )
 
     def _stream_warnings(self) -> list[str]:
         warnings = []
@@ -232,7 +241,7 @@ class RunningSeries:
         """Yield stamp and running values of every second that both streams have passed."""
         passed_ns = min(self._estimate.newest_ns, self._ground_truth.newest_ns)
         for stamp_ns in self._seconds():
-            if stamp_ns <= passed_ns:
+            if stamp_ns < passed_ns:
                 self._release(stamp_ns)
                 yield stamp_ns, self.evaluation.running()
 
@@ -247,6 +256,18 @@ class RunningSeries:
         summary = self.evaluation.summary()
         final = {'pairs': len(summary.pairs)} | summary.metrics
         yield newest_ns, {name: final[name] for name in self.evaluation.running()}
+
+    def waiting_for(self) -> str:
+        """Return which stream is missing or behind, with what has arrived of each."""
+        spans = []
+        for name, held in (('estimate', self._estimate), ('ground truth', self._ground_truth)):
+            if held.newest_ns == BEFORE_ALL:
+                spans.append(f'no {name} yet')
+            else:
+                spans.append(
+                    f'{name} spans {held.oldest_ns / 1e9:.1f} to {held.newest_ns / 1e9:.1f} s'
+                )
+        return ', '.join(spans)
 
     def _seconds(self) -> list[int]:
         """Return the whole seconds by which the poses held have arrived."""
@@ -282,6 +303,7 @@ class _Held:
     """Poses of a stream that wait for their second to be over."""
 
     def __init__(self, add: Callable[[Poses, bool], None]) -> None:
+        self.oldest_ns = AFTER_ALL
         self.newest_ns = BEFORE_ALL
         self.clocks: list[np.ndarray] = []
         self._poses: list[Poses] = []
@@ -292,6 +314,7 @@ class _Held:
         """Add poses and the stamps by which they are ordered."""
         if not len(poses):
             return
+        self.oldest_ns = min(self.oldest_ns, int(clock_ns.min()))
         self.newest_ns = max(self.newest_ns, int(clock_ns.max()))
         self.clocks.append(clock_ns)
         self._poses.append(poses)

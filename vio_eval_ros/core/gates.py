@@ -38,8 +38,7 @@ class Gate(NamedTuple):
         for metric, bounds in limits.items():
             if not isinstance(bounds, Mapping) or not bounds or not bounds.keys() <= LIMITS.keys():
                 raise ConfigError(
-                    f'gate {metric}: give its limits as {{max: number}}, '
-                    f'{{min: number}} or both, not {bounds!r}'
+                    f'gate {metric}: give its limits as {{max: number}}, {{min: number}} or both'
                 )
             gates += [
                 cls(str(metric), LIMITS[bound], _limit(str(metric), limit))
@@ -85,7 +84,7 @@ def judge(gates: Iterable[Gate], metrics: Mapping[str, float]) -> list[Verdict]:
 def _limit(metric: str, value: Any) -> float:
     try:
         limit = float('nan' if isinstance(value, bool) else value)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         limit = math.nan
     if not math.isfinite(limit):
         raise ConfigError(f"gate {metric}: '{value}' is no finite number")

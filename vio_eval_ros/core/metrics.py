@@ -18,9 +18,10 @@ import numpy as np
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.alignment import Alignment, Moments, solve
 from vio_eval_ros.core.association import Associator, nanoseconds, nearest
-from vio_eval_ros.core.config import Delta, EvaluationConfig
+from vio_eval_ros.core.config import Delta, EvaluationConfig, plain
+from vio_eval_ros.core.rotation import lengths
 from vio_eval_ros.core.statistics import root_mean_square, statistics
-from vio_eval_ros.core.trajectory import blocks, Pairs
+from vio_eval_ros.core.trajectory import as_slice, blocks, Pairs
 
 ALWAYS_ALIGNED = ('none', 'posyaw', 'se3', 'sim3')
 RPE_KINDS = {'trans': 'm', 'rot': 'deg', 'disp': 'm', 'dist': 'm'}
@@ -67,11 +68,6 @@ class Metric:
 def named(prefix: str, unit: str, errors: np.ndarray) -> dict[str, float]:
     """Return the statistics of (N,) errors under their full names."""
     return {f'{prefix}_{name}_{unit}': value for name, value in statistics(errors).items()}
-
-
-def lengths(vectors: np.ndarray) -> np.ndarray:
-    """Return the (N,) lengths of (N, 3) vectors."""
-    return np.sqrt(np.einsum('ij,ij->i', vectors, vectors))
 
 
 def position_errors(pairs: Pairs, alignment: Alignment) -> np.ndarray:
@@ -141,15 +137,16 @@ class Motion:
     @classmethod
     def between(cls, pairs: Pairs, begin: np.ndarray, end: np.ndarray) -> Motion:
         """Return the relative motions between pairs with these (M,) indices."""
+        i, j = as_slice(begin), as_slice(end)
         estimate, truth = pairs.estimate.positions, pairs.ground_truth.positions
-        moved = estimate[end] - estimate[begin]
+        moved = estimate[j] - estimate[i]
         if pairs.turns is None:
             turned, angles = np.full_like(moved, math.nan), np.full(len(moved), math.nan)
         else:
-            at_begin = pairs.turns[begin]
+            at_begin = pairs.turns[i]
             turned = rotation.rotate(at_begin, moved)
-            angles = rotation.angle_between(pairs.turns[end], at_begin)
-        return cls(moved, truth[end] - truth[begin], turned, angles)
+            angles = rotation.angle_between(pairs.turns[j], at_begin)
+        return cls(moved, truth[j] - truth[i], turned, angles)
 
     def pose_errors(self, scale: float) -> np.ndarray:
         """Return the (M,) metres |E_t| of E = (G_i⁻¹ G_j)⁻¹ (P_i⁻¹ P_j)."""
@@ -231,25 +228,20 @@ def candidates(along: np.ndarray, delta: Delta, mode: str, origin: float = 0.0) 
     if not len(along) or math.isnan(along[-1]):
         nothing = np.empty(0, np.int64)
         return Candidates(nothing, nothing, nothing, nothing.astype(bool))
-    adjacent: np.ndarray | bool = True
     target: np.ndarray
     if mode == 'all':
         begin, target = np.arange(len(along)), along + step
         end = _first_nearest(target, along)
     else:
         reached = (along - origin) / step
-        marks = np.unique(np.concatenate([np.floor(reached), np.ceil(reached)]).astype(np.int64))
+        marks = np.unique(np.concatenate([np.floor(reached), np.ceil(reached)]))
         places = marks * step + origin
         poses = _first_nearest(places, along)
         begin, end, target = poses[:-1], poses[1:], places[1:]
-        adjacent = np.diff(marks) == 1
-    tolerance = 0 if delta.unit == 'f' else DELTA_TOLERANCE * step
-    return Candidates(
-        begin,
-        end,
-        target,
-        (end > begin) & adjacent & (np.abs(along[end] - along[begin] - step) <= tolerance),
-    )
+    # far above what rounding of coordinates can do to a path that is off by just the tolerance
+    tolerance = 0 if delta.unit == 'f' else DELTA_TOLERANCE * step * (1 + 1e-6)
+    off = np.abs(along[end] - along[begin] - step)
+    return Candidates(begin, end, target, (end > begin) & (off <= tolerance))
 
 
 def _first_nearest(places: np.ndarray, along: np.ndarray) -> np.ndarray:
@@ -371,7 +363,7 @@ class RunningRpe:
         found = candidates(along, self._delta, self._mode, self._mark)
         # no pair to come can be nearer to a place that has been reached; the rest may change
         decided = int(np.searchsorted(found.target, along[-1], side='right')) if len(along) else 0
-        reference = run.alignment if self._moments is None else self._moments.reference
+        reference = run.alignment.near() if self._moments is None else self._moments.reference
         parts = []
         for usable in (
             found.usable[:decided].nonzero()[0],
@@ -402,7 +394,7 @@ class Segments(Metric):
         path = progress_along(run.pairs, 'm')
         metrics: dict[str, float] = {}
         for length in self.config.segment_lengths_m:
-            metrics |= self._drift(f'segment_{length:g}m', run, path, (length,))
+            metrics |= self._drift(f'segment_{plain(length)}m', run, path, (length,))
         return metrics | self._drift('kitti', run, path, KITTI_LENGTHS_M)
 
     def _drift(
@@ -413,9 +405,11 @@ class Segments(Metric):
         for length in over:
             end = np.searchsorted(path, path[begin] + length, side='right')
             inside = end < len(path)
-            errors = relative_errors(run.pairs, begin[inside], end[inside], run.alignment)
-            translations.append(errors[0] / length)
-            angles.append(errors[1] / length)
+            begins, ends = begin[inside], end[inside]
+            for part in blocks(len(begins)):
+                motion = Motion.between(run.pairs, begins[part], ends[part])
+                translations.append(motion.pose_errors(run.alignment.scale) / length)
+                angles.append(np.degrees(motion.angles) / length)
         drift, turn = np.concatenate(translations), np.concatenate(angles)
         return {
             f'{name}_trans_percent': 100 * _mean(drift),
@@ -458,6 +452,8 @@ class Nees(Metric):
             truth = run.pairs.ground_truth.positions - run.alignment.translation
             error = rotation.rotate(back, truth) / run.alignment.scale - estimate.positions
             position = self._mean('position', run, error, 0)
+            if any(self.config.estimate_to_body[:3]):
+                run.warnings.append('nees_position_mean is null: estimate_to_body has a lever arm')
             if turns is not None:
                 error = rotation.to_rotation_vector(rotation.multiply(back, turns))
                 orientation = self._mean('orientation', run, error, 1)
@@ -469,7 +465,7 @@ class Nees(Metric):
         usable = np.isfinite(covariances).all(axis=(1, 2))
         variances = np.linalg.eigvalsh(covariances[usable])
         usable[usable] = variances[:, 0] > SINGULAR * variances[:, 2]
-        if not usable.all():
+        if usable.any() and not usable.all():
             run.warnings.append(
                 f'nees_{name}: {np.count_nonzero(~usable)} of {len(usable)} '
                 'covariances are not positive definite and left out'
@@ -485,8 +481,14 @@ class Coverage(Metric):
     def final(self, run: Run) -> dict[str, float]:
         """Return the share of the time that was tracked, and of the estimates that were paired."""
         settled = run.associator.estimate.settled
+        coverage = run.associator.coverage_ratio()
+        if math.isnan(coverage) and len(run.pairs):
+            run.warnings.append(
+                'coverage_ratio is null: no two poses of the ground truth are within max_gap_s '
+                f'({self.config.max_gap_s:g} s)'
+            )
         return {
-            'coverage_ratio': run.associator.coverage_ratio(),
+            'coverage_ratio': coverage,
             'matched_ratio': len(run.pairs) / settled if settled else math.nan,
         }
 

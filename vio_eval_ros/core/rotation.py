@@ -7,6 +7,11 @@ Every function is vectorised and broadcasts over rows; a single (4,) quaternion 
 import numpy as np
 
 
+def lengths(vectors: np.ndarray) -> np.ndarray:
+    """Return the (N,) lengths of (N, D) vectors; for few columns faster than np.linalg.norm."""
+    return np.sqrt(np.einsum('...j,...j->...', vectors, vectors))
+
+
 def normalize(q: np.ndarray) -> np.ndarray:
     """Return the quaternions at unit length; a zero one becomes NaN."""
     with np.errstate(invalid='ignore', divide='ignore'):
@@ -50,8 +55,7 @@ def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     Unlike the arccos of a trace or of a product it is exact for the smallest angles: the chord
     |a - b| between unit quaternions is 2 sin(θ/4), and |a + b| is 2 cos(θ/4).
     """
-    difference = np.linalg.norm(a - b, axis=-1)
-    total = np.linalg.norm(a + b, axis=-1)
+    difference, total = lengths(a - b), lengths(a + b)
     # q and -q are the same rotation: the shorter chord is the one meant
     return np.asarray(4 * np.arctan2(np.minimum(difference, total), np.maximum(difference, total)))
 

@@ -24,6 +24,13 @@ def blocks(count: int) -> Iterator[slice]:
     return (slice(start, start + BLOCK_ROWS) for start in range(0, count, BLOCK_ROWS))
 
 
+def as_slice(index: np.ndarray) -> np.ndarray | slice:
+    """Return indices as a slice where each is one more than the last: rows that need no copy."""
+    if len(index) and index[-1] - index[0] + 1 == len(index) and (np.diff(index) == 1).all():
+        return slice(int(index[0]), int(index[-1]) + 1)
+    return index
+
+
 @dataclass(frozen=True, eq=False)
 class Poses:
     """
@@ -37,7 +44,8 @@ class Poses:
     :param rotations: (N, 4) float64 quaternions x y z w, body to world; None where only positions
         are known.
     :param covariances: (N, 2, 3, 3) float64: of the position [m²] and of the orientation
-        [rad²] (rotations about the fixed world axes); None where the source carries none.
+        [rad²] (rotations about the fixed world axes); NaN where unknown, None where the source
+        has none.
     """
 
     stamps_ns: np.ndarray
@@ -228,7 +236,7 @@ def clean(
         poses = poses[keep]
     rotations = poses.rotations
     if rotations is not None:
-        norms = np.linalg.norm(rotations, axis=1)
+        norms = rotation.lengths(rotations)
         usable = norms >= MIN_QUATERNION_NORM
         if not usable.all():
             counts.zero_quaternion += int(np.count_nonzero(~usable))

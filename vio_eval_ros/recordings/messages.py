@@ -97,8 +97,8 @@ def poses(stamps_ns: np.ndarray, numbers: np.ndarray) -> Poses:
     """
     Return poses of columns of numbers.
 
-    The covariances are None where there are none, or not usable ones: all of them zero, a
-    variance negative (-1 says that it is unknown) or a number not finite.
+    A covariance that is no usable one is NaN: all of it zero, a variance negative (-1 says that
+    it is unknown) or a number not finite.
 
     :param stamps_ns: (N,) int64 nanoseconds.
     :param numbers: (N, 3), (N, 7) or (N, 43), as the numbers of a :data:`Row`.
@@ -108,13 +108,14 @@ def poses(stamps_ns: np.ndarray, numbers: np.ndarray) -> Poses:
     return Poses(stamps_ns, numbers[:, :3].copy(), rotations, covariances)
 
 
-def _covariances(numbers: np.ndarray) -> np.ndarray | None:
+def _covariances(numbers: np.ndarray) -> np.ndarray:
     """Return the (N, 2, 3, 3) position and orientation blocks of (N, 36) row-major matrices."""
     matrices = numbers.reshape(-1, 6, 6)
     variances = np.diagonal(matrices, axis1=1, axis2=2)
-    if not matrices.any() or not np.isfinite(matrices).all() or (variances < 0).any():
-        return None
-    return np.stack([matrices[:, :3, :3], matrices[:, 3:, 3:]], axis=1)
+    usable = np.isfinite(numbers).all(axis=1) & numbers.any(axis=1) & (variances >= 0).all(axis=1)
+    blocks = np.stack([matrices[:, :3, :3], matrices[:, 3:, 3:]], axis=1)
+    blocks[~usable] = np.nan
+    return blocks
 
 
 class PathRevisions:

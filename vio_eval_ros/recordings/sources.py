@@ -68,13 +68,24 @@ class Spec(NamedTuple):
                 raise ConfigError(
                     f"{text}: {name} is {' or '.join(STATEMENTS[name])}, not '{value}'"
                 )
+        path, topic = cls._located(body)
+        useless = ('quaternion', 'stamps') if topic else ('revision',)
+        for name in useless:
+            if name in statements:
+                what = 'a topic' if topic else 'a file'
+                raise ConfigError(f'{text}: {name} cannot be stated of {what}')
+        return cls(path, topic, statements)
+
+    @staticmethod
+    def _located(body: str) -> tuple[Path | None, str | None]:
+        """Return the file or recording, and the topic, that a spec names."""
         for colon in re.finditer(r':(?=/)', body):
             recording = Path(body[: colon.start()])
-            if recording.suffix in RECORDING_SUFFIXES or recording.exists():
-                return cls(recording, body[colon.end() :], statements)
-        if body.startswith('/') and not Path(body).exists():
-            return cls(None, body, statements)
-        return cls(Path(body), None, statements)
+            if recording.suffix in RECORDING_SUFFIXES or _exists(recording):
+                return recording, body[colon.end() :]
+        if body.startswith('/') and not _exists(Path(body)):
+            return None, body
+        return Path(body), None
 
 
 @dataclass(frozen=True)
@@ -158,6 +169,13 @@ def default_topics(
     raise ReadError(recording, f'name the topics with --estimate and --ground-truth; {choice}')
 
 
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except (OSError, ValueError):  # such as a name that is too long
+        return False
+
+
 def _located(text: str, recording: Path | None) -> Spec:
     spec = Spec.parse(text)
     if spec.path is None:
@@ -169,7 +187,7 @@ def _located(text: str, recording: Path | None) -> Spec:
             )
         return spec._replace(path=recording)
     if spec.topic is None and (
-        spec.path.suffix in RECORDING_SUFFIXES or (spec.path / 'metadata.yaml').exists()
+        spec.path.suffix in RECORDING_SUFFIXES or _exists(spec.path / 'metadata.yaml')
     ):
         raise ReadError(text, f'this is a recording; say which topic of it: {spec.path}:/topic')
     return spec
@@ -245,7 +263,8 @@ def _stamped(
             f'{read.path}: quaternions are taken as x y z w; state ?quaternion=wxyz if w '
             'comes first'
         )
-    return Poses(stamps, values[:, 1:4], values[:, QUATERNION_COLUMNS[order or usual_order]])
+    rotations = values[:, QUATERNION_COLUMNS[order or usual_order]]
+    return Poses(stamps, values[:, 1:4].copy(), rotations)
 
 
 def _unit(read: TextFile) -> str:

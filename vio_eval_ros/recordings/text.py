@@ -90,7 +90,11 @@ def read_text(path: Path, progress: Progress = silent) -> TextFile:
         raise ReadError(
             path, 'this is no text file and no recording; a recording ends in .bag, .db3 or .mcap'
         )
+    if b'\r' in data and b'\n' not in data:
+        data = data.replace(b'\r', b'\n')
     header, start = _header(data)
+    if re.match(rb'\s*(-?\d+,\d+[ \t;]+){2}', data[start : start + 1000]):
+        raise ReadError(path, 'its numbers have decimal commas; write them with points')
     rows = _rows(path, data, start, progress)
     names = header.lower().replace(b'_', b'')
     w, x = re.search(rb'\bq(rs)?w\b', names), re.search(rb'\bq(rs)?x\b', names)
@@ -161,6 +165,9 @@ class _BadRow(Exception):
 
 def _tidied(block: bytes) -> tuple[bytes, np.ndarray, np.ndarray]:
     """Return a block with one space or line end behind each number, its bytes, and where."""
+    if b',' in block:
+        # nothing between two commas is a number that is not there
+        block = re.sub(rb',[ \t]*(?=,)', b',nan', re.sub(rb'(?m)^[ \t]*,', b'nan,', block))
     if any(mark in block for mark in b',;\t\r\v\f'):
         block = block.translate(_SEPARATORS)
     if b'#' in block or b'%' in block:
@@ -215,7 +222,8 @@ def _parse(block: bytes, width: int) -> Rows | None:
     ):
         return Rows(digits[::width], decimals[::width], values)
     finite = np.isfinite(values[:, 0])
-    if b'e' in block or b'E' in block or not finite.all():
+    exponents = np.flatnonzero((text == ord('e')) | (text == ord('E')))
+    if (np.searchsorted(ends, exponents) % width == 0).any() or not finite.all():
         values[~finite] = np.nan
         return Rows(*_stamps_of_floats(np.where(finite, values[:, 0], 0)), values)
     return Rows(*_long_stamps(text, first, ends[::width], points[::width]), values)

@@ -29,7 +29,11 @@ def write(path: Path, text: str) -> None:
     import tempfile
 
     temporary = None
+    path = path.resolve()
     try:
+        if path.exists() and not path.is_file():
+            path.write_text(text, encoding='utf-8')  # a pipe or a device; a folder refuses
+            return
         with tempfile.NamedTemporaryFile(
             'w',
             dir=path.parent,

@@ -23,7 +23,7 @@ class Input:
 
     :param source: what the user named.
     :param kind: tum, euroc, kitti, ros1, rosbag2, mcap or topic.
-    :param sha256: of the files, one behind the other; None for a live topic.
+    :param sha256: of the files, one behind the other; None for a live topic or a pipe.
     :param stream: what the association counted of it.
     :param offset_s: what was added to its stamps; they are reported as recorded.
     """
@@ -37,14 +37,14 @@ class Input:
     def to_dict(self) -> dict[str, Any]:
         """Return the description with its counts."""
         stream, offset_ns = self.stream, round(self.offset_s * 1e9)
-        seconds = (stream.newest_ns - stream.first_ns) / 1e9
+        seconds = (stream.last_used_ns - stream.first_used_ns) / 1e9
         return {
             'source': self.source,
             'kind': self.kind,
             'sha256': self.sha256,
             'poses': stream.used,
-            'first_stamp_ns': stream.first_ns - offset_ns if stream.used else None,
-            'last_stamp_ns': stream.newest_ns - offset_ns if stream.used else None,
+            'first_stamp_ns': stream.first_used_ns - offset_ns if stream.used else None,
+            'last_stamp_ns': stream.last_used_ns - offset_ns if stream.used else None,
             'rate_hz': (stream.used - 1) / seconds if stream.used > 1 else None,
             'position_only': stream.position_only,
             'dropped': stream.counts.dropped,

@@ -14,7 +14,7 @@ from vio_eval_ros.reports.result import Result
 
 
 def csv_report(result: Result) -> str:
-    """Return the stamps and errors of each pair; unknown rotation errors are empty."""
+    """Return the stamps, as recorded, and errors of each pair; what is unknown is empty."""
     pairs, alignment = result.summary.pairs, result.summary.alignment
     difference = alignment.positions(pairs.estimate.positions) - pairs.ground_truth.positions
     errors = np.column_stack(
@@ -22,7 +22,7 @@ def csv_report(result: Result) -> str:
     )
     table = formatted(errors, '%.9g,%.9g,%.9g,%.9g,%.9g').replace('nan', '').splitlines()
     stamps = zip(
-        pairs.estimate.stamps_ns.tolist(),
+        (pairs.estimate.stamps_ns - round(result.estimate.offset_s * 1e9)).tolist(),
         pairs.ground_truth.stamps_ns.tolist(),
         table,
         strict=True,
@@ -49,12 +49,13 @@ def tum(trajectory: Trajectory) -> str:
         raise ConfigError('a TUM file needs orientations, and there are none; use a csv report')
     if math.isnan(trajectory.positions.sum()):
         raise ConfigError('there is no aligned trajectory: the alignment is not determined')
-    seconds, rest = np.divmod(trajectory.stamps_ns, 10**9)
-    table = np.empty((len(trajectory), 9), object)
-    table[:, 0], table[:, 1] = seconds, rest
-    table[:, 2:5], table[:, 5:] = trajectory.positions, trajectory.rotations
+    seconds, rest = np.divmod(np.abs(trajectory.stamps_ns), 10**9)
+    table = np.empty((len(trajectory), 10), object)
+    table[:, 0] = np.where(trajectory.stamps_ns < 0, '-', '')
+    table[:, 1], table[:, 2] = seconds, rest
+    table[:, 3:6], table[:, 6:] = trajectory.positions, trajectory.rotations
     return '# timestamp tx ty tz qx qy qz qw\n' + formatted(
-        table, '%d.%09d %.9f %.9f %.9f %.9f %.9f %.9f %.9f'
+        table, '%s%d.%09d %.9f %.9f %.9f %.9f %.9f %.9f %.9f'
     )
 
 
