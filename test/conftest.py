@@ -16,3 +16,11 @@ def shared_data() -> Path:
     if os.environ.get('VIO_EVAL_ROS_REQUIRE_DATA') == '1':
         pytest.fail(f'{folder} is required here and missing')
     pytest.skip(f'no real recordings at {folder}')
+
+
+def pytest_sessionfinish(session: pytest.Session) -> None:
+    """Fail where everything was skipped, though the real recordings are required."""
+    reporter = session.config.pluginmanager.get_plugin('terminalreporter')
+    required = os.environ.get('VIO_EVAL_ROS_REQUIRE_DATA') == '1'
+    if required and reporter is not None and not reporter.stats.get('passed'):
+        session.exitstatus = pytest.ExitCode.NO_TESTS_COLLECTED

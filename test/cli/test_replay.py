@@ -295,12 +295,70 @@ def test_wrong_arguments_are_one_line_and_status_2(arguments, problem):
         ('a: [', 'not valid YAML'),
         ('!!python/object/apply:os.system [echo hacked]', 'not valid YAML'),
         ('\x00', 'not valid YAML'),
+        ('{max_gap_s: 1, max_gap_s: 2}', "line 1: 'max_gap_s' is there already"),
+        ('rpe_deltas: &a [1f]\nsegment_lengths_m: *a', 'line 2: aliases are not allowed'),
+        ('max_gap_s: ' + '9' * 400, 'is not a finite number'),
+        ('/**: {ros__parameters: 3}', 'no mapping ros__parameters'),
     ],
 )
 def test_a_wrong_config_file_is_one_line_and_status_2(tmp_path, flight, options, problem):
     config = tmp_path / 'options.yaml'
     config.write_text(options)
     assert problem in complaint(*pair(flight), '--config', config)
+
+
+def test_the_parameters_of_the_node_override_those_of_all_nodes(flight, tmp_path):
+    config = tmp_path / 'params.yaml'
+    config.write_text(
+        'vio_evaluator: {ros__parameters: {alignment: sim3}}\n'
+        '/**: {ros__parameters: {alignment: se3, max_gap_s: 1.0}}\n'
+    )
+    found = result(*pair(flight), '--config', config)['config']
+    assert (found['alignment'], found['max_gap_s']) == ('sim3', 1.0)
+
+
+def test_negative_numbers_may_have_exponents(flight):
+    found = result(
+        *pair(flight), '--time-offset-s', '-1e-3', '--estimate-to-body', 0, 0, '-1e-5', 0, 0, 0, 1
+    )
+    assert found['config']['time_offset_s'] == -0.001
+    assert found['config']['estimate_to_body'][2] == -1e-5
+
+
+def test_what_would_be_ignored_is_refused(flight, tmp_path):
+    assert 'is not used' in complaint('nothere.bag', *pair(flight))
+    assert '--times goes with KITTI' in complaint(*pair(flight), '--times', 'nothere')
+    empty = tmp_path / 'gates.yaml'
+    empty.write_text('')
+    assert 'there are no gates' in complaint(*pair(flight), '--gates', empty)
+
+
+def test_no_report_overwrites_an_input_or_another_report(flight, tmp_path):
+    truth = (flight / 'gt.txt').read_bytes()
+    told = complaint(*pair(flight), '--report', f'tum:{flight}/gt.txt')
+    assert 'would overwrite the input' in told
+    assert (flight / 'gt.txt').read_bytes() == truth
+    same = [f'--report=csv:{tmp_path}/x', f'--report=json:{tmp_path}/x']
+    assert 'would overwrite csv:' in complaint(*pair(flight), *same)
+
+
+def test_reports_are_written_though_nobody_reads_the_output(flight, tmp_path):
+    command = f'{sys.executable} -m vio_eval_ros replay {" ".join(pair(flight))}'
+    done = subprocess.run(
+        ['bash', '-c', f'{command} --report json:{tmp_path}/x.json > /dev/full'],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        env=os.environ | {'PYTHONPATH': str(ROOT)},
+    )
+    assert 'No space left' in done.stderr
+    assert 'bug' not in done.stderr
+    assert json.loads((tmp_path / 'x.json').read_text())['association']['pairs'] == 400
+
+
+def test_names_too_long_for_a_path_are_one_line(flight):
+    complaint('--estimate', 'x' * 5000, '--ground-truth', f'{flight}/gt.txt')
 
 
 LINE = '\n'.join(f'{k} {k} 0 0 0 0 0 1' for k in range(1, 9))

@@ -63,6 +63,13 @@ def test_what_cannot_be_stated_is_refused_with_what_can():
         Spec.parse('est.txt?quaternion=wxzy')
 
 
+def test_what_says_nothing_of_a_source_cannot_be_stated_of_it(tum):
+    with pytest.raises(ConfigError, match='quaternion cannot be stated of a topic'):
+        Spec.parse('/vio/odometry?quaternion=wxyz')
+    with pytest.raises(ConfigError, match='revision cannot be stated of a file'):
+        Spec.parse(f'{tum}?revision=causal')
+
+
 def test_tum_is_seconds_and_w_last(tum):
     source = read(str(tum))
     assert (source.kind, source.paths, source.warnings) == ('tum', (tum,), ())

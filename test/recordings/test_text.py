@@ -108,8 +108,18 @@ def test_stamps_keep_every_nanosecond(tmp_path, stamp, unit, nanoseconds):
         '# a comment\n' + ROW + '\n# another\n',
         'timestamp tx ty tz qx qy qz qw\n' + ROW,
         '"t","x","y","z"\n' + ROW.replace(' ', ';') + '\n',
+        '# a comment\r' + ROW + '\r',
     ],
-    ids=['tabs', 'trailing comma', 'spaced commas', 'blanks', 'comments', 'header', 'semicolons'],
+    ids=[
+        'tabs',
+        'trailing comma',
+        'spaced commas',
+        'blanks',
+        'comments',
+        'header',
+        'semicolons',
+        'carriage returns',
+    ],
 )
 def test_layouts_do_not_matter(tmp_path, layout):
     rows = rows_of(tmp_path, layout)
@@ -145,6 +155,7 @@ def test_blocks_join_without_losing_a_row(tmp_path, monkeypatch):
         ('1 0 0 0 0 0 0 0x10\n', "line 1: '0x10' is not a number"),
         ('1 0 0 0 0 0 0 \xe4\n', 'is not a number'),
         ('1e30 0 0 0 0 0 0 1\n', 'line 1: a stamp is too large'),
+        ('1,5 2,5 3,5 4,5 0,0 0,0 0,0 1,0\n', 'decimal commas'),
     ],
 )
 def test_what_is_no_trajectory_is_named_by_its_line(tmp_path, content, problem):
@@ -170,6 +181,18 @@ def test_a_stamp_that_is_no_number_spoils_its_row_only(tmp_path):
     rows = rows_of(tmp_path, f'nan 1 2 3 0 0 0 1\n{ROW}\n')
     assert np.isnan(rows.values[0]).all()
     assert rows.values[1, 1:4].tolist() == [0.1, -0.25, 3]
+
+
+@pytest.mark.parametrize('gap', [',,', ', ,'])
+def test_an_empty_field_is_a_number_that_is_missing_not_a_column(tmp_path, gap):
+    rows = rows_of(tmp_path, f'1{gap}2,3,0,0,0,1,9\n{ROW.replace(" ", ",")},9\n')
+    assert rows.values.shape == (2, 9)
+    assert np.isnan(rows.values[0]).tolist() == [False, True, *[False] * 7]
+
+
+def test_an_exponent_in_a_position_costs_no_stamp_a_nanosecond(tmp_path):
+    rows = rows_of(tmp_path, '1403715524.907140123 1e-5 0 0 0 0 0 1\n')
+    assert rows.nanoseconds(tmp_path, 's').tolist() == [1403715524907140123]
 
 
 def test_progress_is_told_of_every_block(tmp_path, monkeypatch):

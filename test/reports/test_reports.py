@@ -5,6 +5,7 @@ import dataclasses
 import io
 import json
 import math
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -13,10 +14,12 @@ import pytest
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.gates import Gate, judge
+from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError, WriteError
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.reports import REPORTS, write
 from vio_eval_ros.reports.result import Input, Result
+from vio_eval_ros.reports.tables import tum
 from vio_eval_ros.reports.text import text_report
 from vio_eval_ros.simulation import simulate
 
@@ -200,6 +203,40 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path):
     write(path, 'new')
     assert path.read_text() == 'new'
     assert path.stat().st_mode & 0o444 == 0o444
+
+
+def test_a_link_is_followed_and_a_pipe_is_written_to(tmp_path):
+    (tmp_path / 'link').symlink_to(tmp_path / 'target')
+    write(tmp_path / 'link', 'text')
+    assert (tmp_path / 'link').is_symlink()
+    assert (tmp_path / 'target').read_text() == 'text'
+    write(Path('/dev/null'), 'text')
+    assert not Path('/dev/null').is_file()
+
+
+def test_tum_has_negative_stamps():
+    trajectory = Trajectory(np.array([-19_000_000]), np.zeros((1, 3)), np.array([[0, 0, 0, 1.0]]))
+    assert tum(trajectory).splitlines()[1].split()[0] == '-0.019000000'
+
+
+def test_stamps_are_reported_as_recorded_and_only_those_that_were_used():
+    run = simulate(duration_s=20.0)
+    evaluation = Evaluation(EvaluationConfig(start_s=5, end_s=10, time_offset_s=0.004))
+    evaluation.add_ground_truth(run.ground_truth)
+    evaluation.add_estimate(run.estimate)
+    evaluation.flush()
+    result = dataclasses.replace(
+        result_of(),
+        summary=evaluation.summary(),
+        estimate=Input('est', 'tum', None, evaluation.associator.estimate, 0.004),
+    )
+    facts = result.estimate.to_dict()
+    assert facts['poses'] == 100
+    assert facts['dropped']['cropped'] == 300
+    assert facts['rate_hz'] == pytest.approx(20)
+    assert facts['first_stamp_ns'] in run.estimate.stamps_ns
+    rows = list(csv.DictReader(io.StringIO(REPORTS['csv'](result))))
+    assert int(rows[0]['estimate_stamp_ns']) == facts['first_stamp_ns']
 
 
 def test_what_cannot_be_written_is_named(tmp_path):

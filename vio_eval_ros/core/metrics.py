@@ -21,7 +21,7 @@ from vio_eval_ros.core.association import Associator, nanoseconds, nearest
 from vio_eval_ros.core.config import Delta, EvaluationConfig, plain
 from vio_eval_ros.core.rotation import lengths
 from vio_eval_ros.core.statistics import root_mean_square, statistics
-from vio_eval_ros.core.trajectory import as_slice, blocks, Pairs
+from vio_eval_ros.core.trajectory import as_slice, blocks, Pairs, rows
 
 ALWAYS_ALIGNED = ('none', 'posyaw', 'se3', 'sim3')
 RPE_KINDS = {'trans': 'm', 'rot': 'deg', 'disp': 'm', 'dist': 'm'}
@@ -139,14 +139,14 @@ class Motion:
         """Return the relative motions between pairs with these (M,) indices."""
         i, j = as_slice(begin), as_slice(end)
         estimate, truth = pairs.estimate.positions, pairs.ground_truth.positions
-        moved = estimate[j] - estimate[i]
+        moved = rows(estimate, j) - rows(estimate, i)
         if pairs.turns is None:
             turned, angles = np.full_like(moved, math.nan), np.full(len(moved), math.nan)
         else:
-            at_begin = pairs.turns[i]
+            at_begin = rows(pairs.turns, i)
             turned = rotation.rotate(at_begin, moved)
-            angles = rotation.angle_between(pairs.turns[j], at_begin)
-        return cls(moved, truth[j] - truth[i], turned, angles)
+            angles = rotation.angle_between(rows(pairs.turns, j), at_begin)
+        return cls(moved, rows(truth, j) - rows(truth, i), turned, angles)
 
     def pose_errors(self, scale: float) -> np.ndarray:
         """Return the (M,) metres |E_t| of E = (G_i⁻¹ G_j)⁻¹ (P_i⁻¹ P_j)."""
@@ -231,7 +231,8 @@ def candidates(along: np.ndarray, delta: Delta, mode: str, origin: float = 0.0) 
     target: np.ndarray
     if mode == 'all':
         begin, target = np.arange(len(along)), along + step
-        end = _first_nearest(target, along)
+        frames = delta.unit == 'f'
+        end = target.clip(max=len(along) - 1) if frames else _first_nearest(target, along)
     else:
         reached = (along - origin) / step
         marks = np.unique(np.concatenate([np.floor(reached), np.ceil(reached)]))
@@ -247,7 +248,7 @@ def candidates(along: np.ndarray, delta: Delta, mode: str, origin: float = 0.0) 
 def _first_nearest(places: np.ndarray, along: np.ndarray) -> np.ndarray:
     """Return the first of the indices nearest to each place; ``along`` may stand still."""
     index = nearest(places, along)
-    return np.searchsorted(along, along[index])
+    return index if (np.diff(along) > 0).all() else np.searchsorted(along, along[index])
 
 
 class Rpe(Metric):

@@ -31,6 +31,11 @@ def as_slice(index: np.ndarray) -> np.ndarray | slice:
     return index
 
 
+def rows(column: np.ndarray, index: np.ndarray | slice) -> np.ndarray:
+    """Return some rows of a column; ``take`` gathers several times faster than indexing does."""
+    return column[index] if isinstance(index, slice) else column.take(index, axis=0)
+
+
 @dataclass(frozen=True, eq=False)
 class Poses:
     """
@@ -225,9 +230,11 @@ def clean(
     :param newest_ns: the newest stamp of earlier batches of the same stream, if any.
     :param zero_stamps: False drops poses stamped 0, as messages published before ``/clock`` are.
     """
-    keep = (np.abs(poses.positions) < LARGEST).all(axis=1)
-    if poses.rotations is not None:
-        keep &= (np.abs(poses.rotations) < LARGEST).all(axis=1)
+    keep = np.ones(len(poses), bool)
+    for column in (poses.positions, poses.rotations):
+        # almost always all is well, which is faster to find out for the whole than for each row
+        if column is not None and not np.abs(column).max(initial=0) < LARGEST:
+            keep &= (np.abs(column) < LARGEST).all(axis=1)
     counts.non_finite += len(poses) - int(np.count_nonzero(keep))
     if not zero_stamps:
         counts.zero_stamp += int(np.count_nonzero(keep & (poses.stamps_ns == 0)))
