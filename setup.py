@@ -7,6 +7,9 @@ from setuptools import find_packages, setup
 from vio_eval_ros.__main__ import VERBS
 
 NAME = 'vio_eval_ros'
+IMAGES = ['Pillow']
+# ROS 2 Jazzy where none is installed; rclpy does not start without the second
+ROS = ['ros-jazzy-rclpy', 'ros-jazzy-rmw-fastrtps-cpp', 'ros-jazzy-common-interfaces']
 
 setup(
     name=NAME,
@@ -37,7 +40,10 @@ setup(
         'tqdm',
     ],
     extras_require={
+        'images': IMAGES,
+        'ros': ROS,
         'test': [
+            *IMAGES,
             'colcon-common-extensions',
             # the oracle; its newest releases need Python 3.11
             'evo==1.38.1; python_version >= "3.11"',

@@ -322,8 +322,9 @@ def table(figures: Sequence[Figure], tool: str) -> str:
     lines = [f'| figure | {tool} | ours | difference |', '|---|---:|---:|---:|']
     for figure in figures:
         printed = isinstance(figure.theirs, str)
+        name = figure.name.replace('ate_origin_trans_rmse_m', 'ate_trans_rmse_m under origin')
         lines.append(
-            f'| {figure.name.replace("ate_origin_trans_rmse_m", "ate_trans_rmse_m under origin")} | {shown(figure.theirs)} | {shown(figure.ours)} '
+            f'| {name} | {shown(figure.theirs)} | {shown(figure.ours)} '
             f'| {"same in print" if printed else bound(figure.difference)} |'
         )
     return '\n'.join(lines)

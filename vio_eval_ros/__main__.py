@@ -12,7 +12,9 @@ import sys
 
 #: Every verb: the module whose ``main`` runs it, and what it does. ``setup.py`` reads it too.
 VERBS: dict[str, tuple[str, str]] = {
+    'evaluator': ('vio_eval_ros.nodes.evaluator', 'score a running estimator, live in ROS 2'),
     'replay': ('vio_eval_ros.cli.replay', 'score one recording or a pair of trajectory files'),
+    'play': ('vio_eval_ros.nodes.play', 'publish a recording into ROS 2'),
 }
 
 

@@ -14,6 +14,8 @@ A message is one line that names its subject and says what to do. Only the comma
 nodes print it; they exit with status 2.
 """
 
+from __future__ import annotations
+
 
 class VioEvalError(Exception):
     """Base of all errors of this package; ``str(error)`` is one line fit for a user."""
@@ -31,6 +33,10 @@ class ReadError(VioEvalError):
         super().__init__(f'{source}: {problem}')
         self.source = str(source)
         self.problem = problem
+
+    def __reduce__(self) -> tuple[type[ReadError], tuple[str, str]]:
+        """Return what pickle makes the error of again, in the process that waits for it."""
+        return type(self), (self.source, self.problem)
 
 
 class UnsupportedMessage(ReadError):

@@ -7,6 +7,7 @@ import pytest
 
 from vio_eval_ros.core.rotation import angle_between
 from vio_eval_ros.errors import ConfigError, ReadError
+from vio_eval_ros.recordings import sources
 from vio_eval_ros.recordings.sources import default_topics, read_sources, READERS, Source, Spec
 from vio_eval_ros.simulation import simulate, write_recording
 
@@ -217,3 +218,18 @@ def test_every_kind_of_file_gives_as_many_poses_as_rows(kind, tmp_path, sequence
     assert len(source.poses) == {'tum': 2, 'euroc': 1, 'kitti': 2}[kind]
     assert source.poses.stamps_ns.dtype == np.int64
     assert source.poses.rotations.shape == (len(source.poses), 4)
+
+
+def test_two_large_files_are_read_at_the_same_time_with_the_same_result(tmp_path, monkeypatch):
+    paths = [str(tmp_path / name) for name in ('a.txt', 'b.txt')]
+    for shift, path in enumerate(paths):
+        Path(path).write_text(''.join(f'{k} {k + shift} 2 3 0 0 0 1\n' for k in range(500)))
+    alone = read_sources(paths)
+    monkeypatch.setattr(sources, 'PARALLEL_BYTES', 0)
+    together = read_sources(paths)
+    for one, other in zip(alone, together, strict=True):
+        assert np.array_equal(one.poses.positions, other.poses.positions)
+        assert np.array_equal(one.poses.stamps_ns, other.poses.stamps_ns)
+    Path(paths[1]).write_text('1 2 3\n')
+    with pytest.raises(ReadError, match=r'b.txt: 3 columns'):
+        read_sources(paths)

@@ -29,6 +29,7 @@ from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.text import read_text, STAMP_UNITS, TextFile
 
 RECORDING_SUFFIXES = ('.bag', '.db3', '.mcap')
+PARALLEL_BYTES = 1 << 24
 QUATERNION_COLUMNS = {'xyzw': [4, 5, 6, 7], 'wxyz': [5, 6, 7, 4]}
 CONVENTIONS = {'tum': ('s', 'xyzw'), 'euroc': ('ns', 'wxyz')}
 STATEMENTS = {
@@ -139,10 +140,10 @@ def read_sources(
             ),
             strict=True,
         )
-    return [
-        found[k] if k in found else _from_text(spec, parsed[k], times, progress)
-        for k, spec in enumerate(specs)
-    ]
+    files = [k for k in range(len(specs)) if k not in found]
+    jobs = [(specs[k], parsed[k], times) for k in files]
+    found |= zip(files, _from_texts(jobs, progress), strict=True)
+    return [found[k] for k in range(len(specs))]
 
 
 def default_topics(
@@ -212,19 +213,38 @@ def _from_recording(
         ]
 
 
-def _from_text(text: str, spec: Spec, times: Path | None, progress: Progress) -> Source:
+def _from_texts(jobs: Sequence[tuple[str, Spec, Path | None]], progress: Progress) -> list[Source]:
+    """Return what text files hold; two that are large are read at the same time."""
+    if len(jobs) == 2 and all(_size(spec.path) > PARALLEL_BYTES for _, spec, _ in jobs):
+        from concurrent.futures import ProcessPoolExecutor
+        from concurrent.futures.process import BrokenProcessPool
+        from multiprocessing import get_context
+
+        try:
+            with ProcessPoolExecutor(1, get_context('fork')) as pool:
+                other = pool.submit(_from_text, *jobs[1])
+                return [_from_text(*jobs[0], progress), other.result()]
+        except (BrokenProcessPool, NotImplementedError, ValueError, OSError):
+            pass  # not on this machine: one after the other
+    return [_from_text(*job, progress) for job in jobs]
+
+
+def _size(path: Path | None) -> int:
+    return path.stat().st_size if path is not None and path.is_file() else 0
+
+
+def _from_text(text: str, spec: Spec, times: Path | None, progress: Progress = silent) -> Source:
     path, notes = _file(spec.path or Path())
-    read = read_text(path, progress)
-    columns = read.rows.values.shape[1]
-    if columns == 12 and (times is not None or _are_matrices(read.rows.values)):
-        kind = 'kitti'
-    elif columns >= 8 or (columns == 4 and read.kind == 'euroc'):
-        kind = read.kind
-    else:
-        raise ReadError(path, f'{columns} columns; a trajectory has 8: stamp x y z qx qy qz qw')
-    poses = READERS[kind](read, spec.statements, times, notes)
-    paths = (path, times) if kind == 'kitti' and times else (path,)
-    return Source(text, kind, paths, _as_stated(poses, spec), True, tuple(notes))
+    file = read_text(path, progress)
+    for kind, reader in READERS.items():
+        if reader.recognises(file, times):
+            poses = reader.read(file, times, spec.statements, notes)
+            paths = (path, times) if kind == 'kitti' and times else (path,)
+            return Source(text, kind, paths, _as_stated(poses, spec), True, tuple(notes))
+    raise ReadError(
+        path,
+        f'{file.rows.values.shape[1]} columns; a trajectory has 8: stamp x y z qx qy qz qw',
+    )
 
 
 def _file(path: Path) -> tuple[Path, list[str]]:
@@ -245,8 +265,14 @@ def _file(path: Path) -> tuple[Path, list[str]]:
     )
 
 
+def _are_stamped(file: TextFile, kind: str) -> bool:
+    """Return whether a file has the columns of a kind: 8, or 4 with positions only in EuRoC's."""
+    columns = file.rows.values.shape[1]
+    return file.kind == kind and (columns >= 8 or (kind == 'euroc' and columns == 4))
+
+
 def _stamped(
-    read: TextFile, statements: dict[str, str], times: Path | None, notes: list[str]
+    read: TextFile, times: Path | None, statements: dict[str, str], notes: list[str]
 ) -> Poses:
     """Return the poses of rows that begin with a stamp; note what was taken for granted."""
     values = read.rows.values
@@ -279,14 +305,17 @@ def _unit(read: TextFile) -> str:
     )
 
 
-def _are_matrices(values: np.ndarray) -> bool:
-    """Return whether rows of 12 numbers begin with a 3x4 matrix of a rotation, as KITTI's do."""
+def _are_matrices(read: TextFile, times: Path | None) -> bool:
+    """Return whether rows of 12 numbers are KITTI's 3x4 matrices, as their rotations show."""
+    values = read.rows.values
+    if values.shape[1] != 12:
+        return False
     turn = values[0].reshape(3, 4)[:, :3]
-    return bool(np.allclose(turn @ turn.T, np.eye(3), atol=1e-3))
+    return times is not None or bool(np.allclose(turn @ turn.T, np.eye(3), atol=1e-3))
 
 
-def _kitti(
-    read: TextFile, statements: dict[str, str], times: Path | None, notes: list[str]
+def _matrices(
+    read: TextFile, times: Path | None, statements: dict[str, str], notes: list[str]
 ) -> Poses:
     """Return the poses of rows of 3x4 matrices, with stamps [s] from another file."""
     if times is None:
@@ -305,10 +334,22 @@ def _kitti(
     )
 
 
-READERS: dict[str, Callable[[TextFile, dict[str, str], Path | None, list[str]], Poses]] = {
-    'tum': _stamped,
-    'euroc': _stamped,
-    'kitti': _kitti,
+class Reader(NamedTuple):
+    """
+    How a kind of text file becomes poses.
+
+    :param recognises: whether a file, perhaps with a file of stamps beside it, is of this kind.
+    :param read: the poses, given also what was stated of it; notes what was taken for granted.
+    """
+
+    recognises: Callable[[TextFile, Path | None], bool]
+    read: Callable[[TextFile, Path | None, dict[str, str], list[str]], Poses]
+
+
+READERS = {
+    'kitti': Reader(_are_matrices, _matrices),
+    'euroc': Reader(lambda file, times: _are_stamped(file, 'euroc'), _stamped),
+    'tum': Reader(lambda file, times: _are_stamped(file, 'tum'), _stamped),
 }
 
 

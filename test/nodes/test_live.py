@@ -1,0 +1,128 @@
+"""A live run gives what a replay of the same poses gives, whenever it is asked."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from vio_eval_ros.core.association import BEFORE_ALL
+from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.evaluation import Evaluation, running_series
+from vio_eval_ros.core.gates import Gate
+from vio_eval_ros.errors import WriteError
+from vio_eval_ros.nodes.live import jumped_back, LiveRun
+from vio_eval_ros.recordings.sources import read_sources
+from vio_eval_ros.simulation import simulate
+
+NAMES = ('/estimate', '/ground_truth')
+S = 1_000_000_000
+
+
+@pytest.fixture(scope='module')
+def flight():
+    return simulate(duration_s=12.0)
+
+
+def live(flight, batch: int, gates=()) -> LiveRun:
+    """Return a run that was fed in batches, and looked at after each."""
+    run = LiveRun(EvaluationConfig(), gates, NAMES)
+    for k in range(0, 12 * 20, batch):
+        run.series.add_ground_truth(flight.ground_truth[10 * k : 10 * (k + batch)])
+        run.series.add_estimate(flight.estimate[k : k + batch])
+        list(run.advance())
+    return run
+
+
+def final(flight):
+    evaluation = Evaluation(EvaluationConfig())
+    evaluation.add_estimate(flight.estimate)
+    evaluation.add_ground_truth(flight.ground_truth)
+    evaluation.flush()
+    return evaluation.summary()
+
+
+@pytest.mark.parametrize('batch', [7, 20, 240])
+def test_a_live_run_has_the_result_and_the_series_of_its_recording(flight, batch):
+    run = live(flight, batch)
+    result, summary = run.result(), final(flight)
+    assert result.summary.metrics == pytest.approx(summary.metrics, rel=0, abs=0, nan_ok=True)
+    assert result.summary.association == pytest.approx(summary.association, rel=0, abs=0)
+    recorded = list(running_series(EvaluationConfig(), flight.estimate, flight.ground_truth))
+    rows = [*run.rows, *run.series.rest()]
+    assert [stamp for stamp, _ in rows] == [stamp for stamp, _ in recorded]
+    for (_, values), (_, expected) in zip(rows, recorded, strict=True):
+        assert values == pytest.approx(expected, rel=1e-9, nan_ok=True)
+
+
+def test_a_result_asked_for_on_the_way_does_not_change_the_end(flight):
+    run = live(flight, 20)
+    half = LiveRun(EvaluationConfig(), (), NAMES)
+    half.series.add_ground_truth(flight.ground_truth[:1200])
+    half.series.add_estimate(flight.estimate[:120])
+    list(half.advance())
+    assert half.result().summary.association['pairs'] == 120
+    half.series.add_ground_truth(flight.ground_truth[1200:])
+    half.series.add_estimate(flight.estimate[120:])
+    list(half.advance())
+    assert half.result().summary.metrics == pytest.approx(
+        run.result().summary.metrics, rel=0, abs=0, nan_ok=True
+    )
+
+
+def test_the_report_of_a_run_can_be_replayed(flight, tmp_path):
+    run = live(flight, 20, [Gate.parse('ate_trans_rmse_m<=1e-6')])
+    result = run.write(tmp_path / 'runs' / 'run_0001')
+    assert result.passed is False
+    written = sorted(path.name for path in (tmp_path / 'runs/run_0001').iterdir())
+    assert written == [
+        'errors.csv',
+        'estimate.tum',
+        'ground_truth.tum',
+        'result.json',
+        'result.md',
+        'series.csv',
+    ]
+    folder = tmp_path / 'runs/run_0001'
+    sources = read_sources([str(folder / 'estimate.tum'), str(folder / 'ground_truth.tum')])
+    evaluation = Evaluation(EvaluationConfig())
+    evaluation.add_estimate(sources[0].poses)
+    evaluation.add_ground_truth(sources[1].poses)
+    evaluation.flush()
+    # the files have nine decimals
+    assert evaluation.summary().metrics['ate_trans_rmse_m'] == pytest.approx(
+        result.summary.metrics['ate_trans_rmse_m'], rel=1e-6
+    )
+
+
+def test_a_folder_that_cannot_be_made_is_a_clear_error(flight, tmp_path):
+    (tmp_path / 'taken').write_text('')
+    with pytest.raises(WriteError, match='taken'):
+        live(flight, 240).write(tmp_path / 'taken')
+
+
+def test_a_stream_that_runs_again_has_jumped_but_a_late_pose_has_not():
+    stamps = np.arange(10) * S // 10 + 100 * S
+    assert jumped_back(stamps, BEFORE_ALL) is None
+    assert jumped_back(stamps, 100 * S) is None
+    assert jumped_back(stamps - 50 * S, 100 * S) == 0
+    assert jumped_back(np.concatenate([stamps, stamps - 50 * S]), 100 * S) == 10
+    late = np.insert(stamps, 5, 50 * S)
+    assert jumped_back(late, 100 * S) is None
+    assert jumped_back(np.empty(0, np.int64), 100 * S) is None
+
+
+def test_a_tracking_reset_is_noticed_with_its_stamp_and_size(flight):
+    assert live(flight, 20).jump is None
+    shifted = flight.estimate.positions.copy()
+    shifted[100:] += [0, 0, 3]
+    run = live(replace(flight, estimate=replace(flight.estimate, positions=shifted)), 20)
+    stamp_ns, size_m = run.jump
+    assert stamp_ns == flight.estimate.stamps_ns[100]
+    assert size_m == pytest.approx(3, abs=0.2)
+
+
+def test_what_is_missing_is_told(flight):
+    run = LiveRun(EvaluationConfig(), (), NAMES)
+    assert run.waiting_for() == 'no estimate yet, no ground truth yet'
+    run.series.add_estimate(flight.estimate)
+    assert run.waiting_for().startswith('estimate spans 1403715524.9 to 1403715536.9 s, no ground')

@@ -1,0 +1,1 @@
+"""The verbs that need rclpy: what they do is elsewhere, here it meets the ROS graph."""

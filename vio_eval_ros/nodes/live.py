@@ -1,0 +1,156 @@
+"""
+A live run: poses as they arrive, evaluated second by second, reported when it ends.
+
+Knows nothing of ROS: the node moves poses in and results out.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+import copy
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.evaluation import Evaluation, RunningSeries
+from vio_eval_ros.core.gates import Gate, judge
+from vio_eval_ros.core.trajectory import Trajectory
+from vio_eval_ros.errors import WriteError
+from vio_eval_ros.recordings.sources import Source
+from vio_eval_ros.reports import REPORTS, write
+from vio_eval_ros.reports.result import Input, Result
+from vio_eval_ros.reports.tables import series_csv, tum
+
+JUMP_BACK_NS = 1_000_000_000
+MIN_JUMPED = 2
+MIN_JUMP_M = 0.5
+REPORT_FILES = {'json': 'result.json', 'markdown': 'result.md', 'csv': 'errors.csv'}
+
+
+class LiveRun:
+    """
+    One run of the estimator under test, from its first pose to its last.
+
+    :param names: what the estimate and the ground truth are called in the result.
+    :param truth: the ground truth, where it comes from a file.
+    """
+
+    def __init__(
+        self,
+        config: EvaluationConfig,
+        gates: Sequence[Gate],
+        names: tuple[str, str],
+        truth: Source | None = None,
+    ) -> None:
+        self.config = config
+        self.series = RunningSeries(config)
+        self.rows: list[tuple[int, dict[str, float]]] = []
+        self._gates = gates
+        self._names = names
+        self._truth = truth
+        self._seen = 0
+        self._jump: tuple[int, float] | None = None
+        if truth is not None:
+            self.series.add_ground_truth(truth.poses, truth.zero_stamps)
+
+    @property
+    def evaluation(self) -> Evaluation:
+        """The evaluation behind the series."""
+        return self.series.evaluation
+
+    @property
+    def jump(self) -> tuple[int, float] | None:
+        """The stamp [ns] and size [m] of the largest sudden jump of the estimate, if any."""
+        pairs = self.evaluation.aligned()[0][self._seen :]
+        if len(pairs) > 1:
+            self._seen += len(pairs) - 1
+            off = np.abs(strides(pairs.estimate) - strides(pairs.ground_truth))
+            k = int(off.argmax())
+            if off[k] > max(MIN_JUMP_M, self._jump[1] if self._jump else 0.0):
+                self._jump = (int(pairs.estimate.stamps_ns[k + 1]), float(off[k]))
+        return self._jump
+
+    def estimate_path_m(self, seconds: float) -> float:
+        """Return how far the estimate moved in the last seconds, in its own metres."""
+        estimate = self.evaluation.aligned()[0].estimate
+        if not len(estimate):
+            return 0.0
+        begin = estimate.stamps_ns[-1] - round(seconds * 1e9)
+        return float(strides(estimate[np.searchsorted(estimate.stamps_ns, begin) :]).sum())
+
+    def waiting_for(self) -> str:
+        """Return why there are no values yet, with the spans of what has arrived."""
+        return self.series.waiting_for()
+
+    def advance(self) -> Iterator[tuple[int, dict[str, float]]]:
+        """Yield stamp and running values of each second that is over, and remember them."""
+        for row in self.series.rows():
+            self.rows.append(row)
+            yield row
+
+    def result(self) -> Result:
+        """Return the result as if both streams had ended now; they may go on."""
+        return self._ended()[0]
+
+    def write(self, folder: Path) -> Result:
+        """
+        Write the report of the run into a folder of its own, and return the result.
+
+        :raises WriteError: where that is not possible; what is there already stays whole.
+        """
+        result, rows = self._ended()
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise WriteError(folder, error.strerror or str(error)) from None
+        for kind, name in REPORT_FILES.items():
+            write(folder / name, REPORTS[kind](result))
+        write(folder / 'series.csv', series_csv(rows))
+        pairs = result.summary.pairs
+        for name, trajectory in (
+            ('estimate.tum', pairs.estimate),
+            ('ground_truth.tum', pairs.ground_truth),
+        ):
+            if trajectory.rotations is not None:
+                write(folder / name, tum(trajectory))
+        return result
+
+    def _ended(self) -> tuple[Result, list[tuple[int, dict[str, float]]]]:
+        # the copy shares the pairs so far, and may be brought to an end without ending the run
+        series = copy.deepcopy(self.series)
+        rows = [*self.rows, *series.rest()]
+        evaluation = series.evaluation
+        summary = evaluation.summary()
+        streams = evaluation.associator
+        estimate = Input(
+            self._names[0], 'topic', None, streams.estimate, self.config.time_offset_s
+        )
+        truth = Input(self._names[1], 'topic', None, streams.ground_truth)
+        if self._truth is not None:
+            truth = replace(truth, source=self._truth.spec, kind=self._truth.kind)
+        verdicts = judge(self._gates, summary.metrics)
+        return Result(estimate, truth, self.config, summary, verdicts), rows
+
+
+def jumped_back(stamps_ns: np.ndarray, newest_ns: int) -> int | None:
+    """
+    Return from which of the stamps on a stream runs again from an earlier time, or None.
+
+    A single late pose is no jump: all that follow must be behind by more than a second, too.
+
+    :param stamps_ns: (N,) in order of arrival.
+    :param newest_ns: the newest stamp before them.
+    """
+    if not len(stamps_ns):
+        return None
+    newest = np.maximum.accumulate(np.concatenate([[newest_ns], stamps_ns[:-1]]))
+    behind = stamps_ns < newest - JUMP_BACK_NS
+    first = len(behind) - int(np.argmin(behind[::-1])) if not behind.all() else 0
+    return first if len(behind) - first >= MIN_JUMPED else None
+
+
+def strides(trajectory: Trajectory) -> np.ndarray:
+    """Return the (N - 1,) metres from each pose to the next."""
+    return np.asarray(np.linalg.norm(np.diff(trajectory.positions, axis=0), axis=1))

@@ -1,0 +1,226 @@
+"""Publishes a recording into ROS 2: its own bytes and stamps, at the pace of its own clock."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from itertools import repeat
+import math
+from pathlib import Path
+import signal
+import sys
+import time
+from typing import Any
+
+from vio_eval_ros.cli.shell import Parser, PASSED, run
+from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
+from vio_eval_ros.recordings.bags import Topic
+from vio_eval_ros.recordings.playback import Offer, Playback
+
+EXAMPLES = """
+examples:
+  play V1_02_medium.bag                          a ROS 1 bag, as it is
+  play V1_02_medium --rate 0.5                   a EuRoC folder (mav0), at half the speed
+  play run.mcap --topics /vio/odometry /tf --remap /tf:=/recorded_tf
+  play run --start 10 --duration 30 --loop --wait-for-subscribers
+
+services of the node `player` (std_srvs/Trigger): ~/pause, ~/resume, ~/step
+
+exit status: 0 played to the end or interrupted, 2 could not be done
+"""
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the verb; return its exit status."""
+    arguments, ros_arguments = _split(sys.argv[1:] if argv is None else argv)
+    options = _parser().parse_args(arguments)
+    # Ctrl-C and SIGTERM are how one ends it, also where a shell had it started in the background
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
+    return run('play', lambda: _play(options, ros_arguments))
+
+
+def _split(argv: list[str]) -> tuple[list[str], list[str]]:
+    """Return our own arguments and those of ROS, which are between ``--ros-args`` and ``--``."""
+    if '--ros-args' not in argv:
+        return argv, []
+    begin = argv.index('--ros-args')
+    end = argv.index('--', begin) if '--' in argv[begin:] else len(argv)
+    return argv[:begin] + argv[end + 1 :], argv[begin:end]
+
+
+def _parser() -> Parser:
+    parser = Parser(prog='play', description=__doc__, epilog=EXAMPLES)
+    parser.add_argument(
+        'recording',
+        type=Path,
+        metavar='RECORDING',
+        help='ROS 1 .bag, rosbag2 folder, .db3, .mcap, or EuRoC folder (mav0)',
+    )
+    parser.add_argument('--topics', nargs='+', metavar='T', help='play these only (default: all)')
+    parser.add_argument(
+        '--rate', type=_positive, default=1.0, metavar='R', help='times real time (default: 1)'
+    )
+    parser.add_argument(
+        '--start', type=_not_negative, default=0.0, metavar='S', help='skip the first seconds'
+    )
+    parser.add_argument(
+        '--duration', type=_positive, default=math.inf, metavar='S', help='play so many seconds'
+    )
+    parser.add_argument('--loop', action='store_true', help='begin again at the end')
+    parser.add_argument('--paused', action='store_true', help='wait for ~/resume or ~/step')
+    parser.add_argument(
+        '--remap', nargs='+', default=[], metavar='OLD:=NEW', help='publish topics by other names'
+    )
+    parser.add_argument(
+        '--wait-for-subscribers',
+        action='store_true',
+        help='begin when each topic that is played has a subscriber',
+    )
+    return parser
+
+
+def _positive(text: str) -> float:
+    number = _not_negative(text)
+    if not number:
+        raise argparse.ArgumentTypeError('must be more than 0')
+    return number
+
+
+def _not_negative(text: str) -> float:
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not 0 <= number < math.inf:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number of 0 or more")
+    return number
+
+
+def _play(options: argparse.Namespace, ros_arguments: list[str]) -> int:
+    try:
+        with Playback(options.recording) as playback:
+            for warning in playback.warnings:
+                _say(f'{warning}; left out')
+            _publish(playback, options, ros_arguments)
+    except KeyboardInterrupt:
+        pass
+    return PASSED
+
+
+def _publish(playback: Playback, options: argparse.Namespace, ros_arguments: list[str]) -> None:
+    """Play a recording as the options say."""
+    topics = _chosen(playback, options.topics)
+    new_names = _new_names(topics, options.remap)
+    length_s = (playback.last_ns - playback.first_ns) / 1e9
+    if options.start > length_s:
+        raise ConfigError(f'--start {options.start:g}: the recording is {length_s:.1f} s long')
+    length_s = min(options.duration, length_s - options.start)
+    start_ns = playback.first_ns + round(options.start * 1e9)
+    end_ns = start_ns + round(length_s * 1e9)
+
+    try:
+        from vio_eval_ros.nodes.player import message_class, Publication, running
+    except ImportError as error:
+        raise VioEvalError(
+            f'ROS 2 is missing ({error}); source its installation, or pip install '
+            'ros-jazzy-rclpy ros-jazzy-rmw-fastrtps-cpp ros-jazzy-common-interfaces'
+        ) from None
+    publications = []
+    for topic in topics:
+        known = message_class(topic.msgtype)
+        if known is None:
+            _say(f'{topic.name}: {topic.msgtype} is not installed; left out')
+            continue
+        offer = playback.offers.get(topic.name, Offer())
+        publications.append(Publication(topic.name, new_names[topic.name], known, offer))
+    if not publications:
+        raise VioEvalError('nothing to play: the message packages of all topics are missing')
+    names = {publication.topic for publication in publications}
+
+    with running(publications, options.rate, options.paused, ros_arguments, _say) as player:
+        if options.wait_for_subscribers:
+            _wait_for_subscribers(player)
+        began_s = time.monotonic()
+        try:
+            for _ in repeat(None) if options.loop else (None,):
+                messages = playback.messages(names, start_ns, end_ns)
+                with _progress(length_s) as progress:
+                    player.play(messages, start_ns, progress)
+                if not player.published:
+                    raise ReadError(options.recording, 'there are no messages in that part of it')
+        finally:
+            _say(
+                f'published {player.published:,} messages of {len(names)} topics in '
+                f'{time.monotonic() - began_s:.1f} s; '
+                f'largest delay {player.largest_delay_s * 1e3:.1f} ms'
+            )
+        player.flush()
+
+
+def _chosen(playback: Playback, wanted: Sequence[str] | None) -> list[Topic]:
+    """Return the topics to play; ``/clock`` is not one of them, it is told while playing."""
+    there = {topic.name: topic for topic in playback.topics if topic.count}
+    if there.pop('/clock', None):
+        _say('/clock is not played as recorded, but told anew')
+    names = [f'/{name.lstrip("/")}' for name in wanted or there]
+    for name in names:
+        if name not in there:
+            raise ConfigError(f'{name}: there is no such topic; {_listed(there.values())}')
+    return [there[name] for name in dict.fromkeys(names)]
+
+
+def _listed(topics: Iterable[Topic]) -> str:
+    return 'topics: ' + ', '.join(
+        f'{topic.name} ({topic.msgtype}, {topic.count})' for topic in topics
+    )
+
+
+def _new_names(topics: Sequence[Topic], remap: Sequence[str]) -> dict[str, str]:
+    """Return under which name to publish each topic."""
+    names = {topic.name: topic.name for topic in topics}
+    for rule in remap:
+        old, assigned, new = rule.partition(':=')
+        old = f'/{old.lstrip("/")}'
+        if not assigned or not new:
+            raise ConfigError(f"--remap '{rule}': write OLD:=NEW")
+        if old not in names:
+            raise ConfigError(f"--remap '{rule}': {old} is not played; {_listed(topics)}")
+        names[old] = new
+    return names
+
+
+def _wait_for_subscribers(player: Any) -> None:
+    missing = player.without_subscribers()
+    if missing:
+        _say(f'waiting for subscribers of {", ".join(missing)}')
+    while missing:
+        time.sleep(0.02)
+        missing = player.without_subscribers()
+
+
+@contextmanager
+def _progress(length_s: float) -> Iterator[Callable[[float], None]]:
+    """Return what takes the seconds that have been played; a terminal shows them as a bar."""
+    if not sys.stderr.isatty():
+        yield lambda seconds: None
+        return
+    from tqdm import tqdm
+
+    with tqdm(
+        total=round(length_s, 1),
+        desc='playing',
+        bar_format='{desc} {bar} {n:.1f}/{total:.1f} s',
+        leave=False,
+    ) as bar:
+        yield lambda seconds: bar.update(seconds - bar.n)
+
+
+def _say(line: str) -> None:
+    if sys.stderr.isatty():
+        from tqdm import tqdm
+
+        tqdm.write(f'play: {line}', file=sys.stderr)
+    else:
+        print(f'play: {line}', file=sys.stderr, flush=True)

@@ -1,0 +1,285 @@
+"""The node that publishes recorded messages when they are due."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+import importlib
+from itertools import chain, islice
+import os
+from pathlib import Path
+import signal
+from tempfile import TemporaryDirectory
+from threading import Semaphore, Thread
+import time
+from typing import NamedTuple
+
+import rclpy
+from rclpy.duration import Duration
+from rclpy.exceptions import InvalidTopicNameException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.signals import SignalHandlerOptions
+from rosgraph_msgs.msg import Clock
+from std_srvs.srv import Trigger
+
+from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.recordings.playback import Offer, Timed
+
+TICK_S = 0.01  # of /clock while no message is due
+SHORTEST_TICK_S = 0.001  # of /clock in a burst of messages
+BEHIND_S = 0.05  # a delay worth a word
+FLUSH_S = 2.0  # for subscribers to acknowledge the last messages
+# A recorded depth suited the pace of the robot. This one also holds what is sent at once to catch
+# up; it takes memory only while a subscriber lags behind.
+DEPTH = 100
+
+# Fast DDS gives shared memory 512 kB, which two of EuRoC's images do not fit into: they then came
+# a second late or, at times, not at all. Only who publishes must have more.
+TRANSPORTS = """<?xml version="1.0" encoding="UTF-8"?>
+<dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
+  <profiles>
+    <transport_descriptors>
+      <transport_descriptor>
+        <transport_id>shm</transport_id>
+        <type>SHM</type>
+        <segment_size>33554432</segment_size>
+      </transport_descriptor>
+      <transport_descriptor>
+        <transport_id>udp</transport_id>
+        <type>UDPv4</type>
+      </transport_descriptor>
+    </transport_descriptors>
+    <participant profile_name="player" is_default_profile="true">
+      <rtps>
+        <userTransports>
+          <transport_id>shm</transport_id>
+          <transport_id>udp</transport_id>
+        </userTransports>
+        <useBuiltinTransports>false</useBuiltinTransports>
+      </rtps>
+    </participant>
+  </profiles>
+</dds>
+"""
+PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
+OF_THE_USER = (PROFILES, 'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTDDS_BUILTIN_TRANSPORTS')
+
+Say = Callable[[str], None]
+
+
+class Publication(NamedTuple):
+    """A recorded topic, the name under which it is published, its class and its QoS."""
+
+    topic: str
+    name: str
+    message_type: type
+    offer: Offer
+
+
+class Player(Node):
+    """
+    The node ``player``.
+
+    The thread that calls :meth:`play` publishes; the services only leave word for it, and answer
+    from a thread of their own. So no message waits for a service.
+
+    :param rate: seconds of the recording in a second.
+    :param say: takes what a user should know, a line at a time.
+    :raises ConfigError: a name that no topic may have.
+    """
+
+    def __init__(
+        self, publications: Sequence[Publication], rate: float, paused: bool, say: Say
+    ) -> None:
+        super().__init__('player', start_parameter_services=False)
+        self.published = 0
+        self.largest_delay_s = 0.0
+        self._say = say
+        self._said_s = -1.0
+        self._rate = rate
+        self._paused = paused
+        self._steps = Semaphore(0)
+        self._begin_s = self._told_s = 0.0  # monotonic
+        self._begin_ns = self._now_ns = 0  # of the recording
+        # reliable, so that whoever wants the time gets it; depth 1, since only the last one counts
+        self._clock = self.create_publisher(Clock, '/clock', QoSProfile(depth=1))
+        try:
+            self._publishers = {
+                topic: self.create_publisher(message_type, name, _qos(offer))
+                for topic, name, message_type, offer in publications
+            }
+        except (InvalidTopicNameException, ValueError) as error:
+            raise ConfigError(f'--remap: {" ".join(str(error).split())}') from None
+        for name in ('pause', 'resume', 'step'):
+            self.create_service(Trigger, f'~/{name}', getattr(self, f'_{name}'))
+
+    def without_subscribers(self) -> list[str]:
+        """Return the names of the topics that nobody listens to."""
+        publishers = self._publishers.values()
+        return [p.topic_name for p in publishers if not p.get_subscription_count()]
+
+    def play(
+        self, messages: Iterable[Timed], start_ns: int, progress: Callable[[float], None]
+    ) -> None:
+        """
+        Publish each message when it is due, and the time of the recording on ``/clock``.
+
+        The schedule is absolute: a delay is made up for as soon as possible, and does not add up.
+
+        :param messages: in the order of their times.
+        :param start_ns: the time of the recording with which to begin.
+        :param progress: takes the seconds of the recording that have been played.
+        """
+        messages = iter(messages)
+        first = list(islice(messages, 1))  # before the clock starts, since files are opened for it
+        self._begin_ns = self._now_ns = start_ns
+        self._begin_s = time.monotonic()
+        for log_ns, topic, cdr in chain(first, messages):
+            self._wait_until(log_ns)
+            self._now_ns = max(self._now_ns, log_ns)
+            if time.monotonic() - self._told_s > SHORTEST_TICK_S:
+                self._tell_time()
+            self._publishers[topic].publish(cdr)
+            self.published += 1
+            progress((self._now_ns - start_ns) / 1e9)
+
+    def flush(self) -> None:
+        """Wait until subscribers have acknowledged what is reliable; but not for ever."""
+        end_s = time.monotonic() + FLUSH_S
+        for publisher in self._publishers.values():
+            # in small portions: Ctrl-C is not heard meanwhile
+            while not publisher.wait_for_all_acked(Duration(seconds=0.05)):
+                if time.monotonic() > end_s:
+                    self._say(f'a subscriber of {publisher.topic_name} did not get all messages')
+                    break
+
+    def _wait_until(self, log_ns: int) -> None:
+        """Return when a message is due; meanwhile tell the time, and obey the services."""
+        while True:
+            if self._paused:
+                stepped = self._steps.acquire(timeout=TICK_S)
+                self._begin_s = time.monotonic()
+                self._begin_ns = max(self._now_ns, log_ns) if stepped else self._now_ns
+                if stepped:
+                    return
+                self._tell_time()
+                continue
+            now_s = time.monotonic()
+            delay_s = now_s - self._begin_s - (log_ns - self._begin_ns) / 1e9 / self._rate
+            if delay_s >= 0:
+                self._note(delay_s)
+                return
+            if now_s - self._told_s >= TICK_S:
+                elapsed_ns = round((now_s - self._begin_s) * 1e9 * self._rate)
+                self._now_ns = max(self._now_ns, min(self._begin_ns + elapsed_ns, log_ns))
+                self._tell_time()
+            time.sleep(min(-delay_s, TICK_S))
+
+    def _tell_time(self) -> None:
+        clock = Clock()
+        clock.clock.sec, clock.clock.nanosec = divmod(self._now_ns, 10**9)
+        self._clock.publish(clock)
+        self._told_s = time.monotonic()
+
+    def _note(self, delay_s: float) -> None:
+        self.largest_delay_s = max(self.largest_delay_s, delay_s)
+        if delay_s > BEHIND_S and time.monotonic() - self._said_s > 1:
+            self._said_s = time.monotonic()
+            self._say(
+                f'{delay_s:.2f} s behind; the machine cannot keep up with --rate {self._rate:g}'
+            )
+
+    def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._steps = Semaphore(0)
+        self._paused = True
+        return _answered(response, 'paused')
+
+    def _resume(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._paused = False
+        return _answered(response, 'playing')
+
+    def _step(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if not self._paused:
+            return _answered(response, 'playing; pause first', success=False)
+        self._steps.release()
+        return _answered(response, 'one message more')
+
+
+@contextmanager
+def running(
+    publications: Sequence[Publication],
+    rate: float,
+    paused: bool,
+    ros_arguments: Sequence[str],
+    say: Say,
+) -> Iterator[Player]:
+    """Start ROS and the node with its services; end both behind the with statement."""
+    try:
+        # what SIGINT and SIGTERM do is up to the command line
+        rclpy.init(args=['play', *ros_arguments], signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        raise ConfigError(f'--ros-args: {" ".join(str(error).split())}') from None
+    executor = SingleThreadedExecutor()
+    services = Thread(target=executor.spin, name='services')
+    try:
+        with _room_for_images():
+            player = Player(publications, rate, paused, say)
+        executor.add_node(player)
+        services.start()
+        yield player
+    finally:
+        for number in (signal.SIGINT, signal.SIGTERM):  # a second one must not spoil the end
+            signal.signal(number, signal.SIG_IGN)
+        executor.shutdown()
+        if services.ident:
+            services.join()
+        rclpy.try_shutdown()
+
+
+@contextmanager
+def _room_for_images() -> Iterator[None]:
+    """Have Fast DDS begin with enough shared memory, unless the user configures it."""
+    if any(name in os.environ for name in OF_THE_USER):
+        yield
+        return
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / 'transports.xml'
+        file.write_text(TRANSPORTS, encoding='utf-8')
+        os.environ[PROFILES] = str(file)
+        try:
+            yield
+        finally:
+            del os.environ[PROFILES]
+
+
+def message_class(msgtype: str) -> type | None:
+    """Return the class of a type such as 'nav_msgs/msg/Odometry', where it is installed."""
+    package, _, name = msgtype.split('/')
+    try:
+        return getattr(importlib.import_module(f'{package}.msg'), name, None)
+    except ImportError:
+        return None
+
+
+def _qos(offer: Offer) -> QoSProfile:
+    """
+    Return the quality of service that was recorded, as far as it makes sense for a recording.
+
+    Deadline, lifespan and liveliness are left out: at another rate, or in a pause, none holds.
+    """
+    return QoSProfile(
+        depth=offer.depth if offer.latched and offer.depth else max(offer.depth, DEPTH),
+        reliability=(
+            ReliabilityPolicy.RELIABLE if offer.reliable else ReliabilityPolicy.BEST_EFFORT
+        ),
+        durability=(
+            DurabilityPolicy.TRANSIENT_LOCAL if offer.latched else DurabilityPolicy.VOLATILE
+        ),
+    )
+
+
+def _answered(response: Trigger.Response, message: str, success: bool = True) -> Trigger.Response:
+    response.success, response.message = success, message
+    return response

@@ -1,0 +1,195 @@
+"""
+EuRoC's folders in ASL format, as the ROS messages that EuRoC's bags have.
+
+A folder holds one folder a sensor, each with a ``data.csv`` and cameras with PNG images beside it.
+A further sensor is one function and one line in :data:`SENSORS`.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Mapping, Sequence
+import csv
+import heapq
+from operator import itemgetter
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vio_eval_ros.errors import ReadError
+from vio_eval_ros.recordings.bags import Topic
+from vio_eval_ros.recordings.storage import standard_types
+
+TYPES = standard_types(ros1=False).types
+ENCODINGS = {'L': 'mono8', 'I;16': 'mono16', 'RGB': 'rgb8'}  # of Pillow, of ROS
+
+
+def _geometry(name: str, *values: Any) -> Any:
+    return TYPES[f'geometry_msgs/msg/{name}'](*values)
+
+
+def _vector(texts: Sequence[str]) -> Any:
+    return _geometry('Vector3', *map(float, texts))
+
+
+def _point(texts: Sequence[str]) -> Any:
+    return _geometry('Point', *map(float, texts))
+
+
+def _quaternion(texts: Sequence[str]) -> Any:
+    w, x, y, z = map(float, texts)
+    return _geometry('Quaternion', x, y, z, w)
+
+
+def _imu(header: Any, row: list[str], _: Path) -> Any:
+    unknown, none = np.zeros(9), np.zeros(9)
+    none[0] = -1  # there is no orientation
+    level = _geometry('Quaternion', 0.0, 0.0, 0.0, 1.0)
+    rates, accelerations = _vector(row[1:4]), _vector(row[4:7])
+    return TYPES['sensor_msgs/msg/Imu'](
+        header, level, none, rates, unknown, accelerations, unknown
+    )
+
+
+def _image(header: Any, row: list[str], folder: Path) -> Any:
+    from PIL import Image
+
+    file = folder / 'data' / row[1].strip()
+    with Image.open(file) as image:
+        if image.mode not in ENCODINGS:
+            raise ReadError(file, f'has pixels of kind {image.mode}; known are {list(ENCODINGS)}')
+        pixels = np.frombuffer(image.tobytes(), np.uint8)
+        size, encoding = image.size, ENCODINGS[image.mode]
+    return TYPES['sensor_msgs/msg/Image'](
+        header, size[1], size[0], encoding, 0, len(pixels) // size[1], pixels
+    )
+
+
+def _pose(header: Any, row: list[str], _: Path) -> Any:
+    pose = _geometry('Pose', _point(row[1:4]), _quaternion(row[4:8]))
+    return _geometry('PoseStamped', header, pose)
+
+
+def _position(header: Any, row: list[str], _: Path) -> Any:
+    return _geometry('PointStamped', header, _point(row[1:4]))
+
+
+def _transform(header: Any, row: list[str], _: Path) -> Any:
+    transform = _geometry('Transform', _vector(row[1:4]), _quaternion(row[4:8]))
+    return _geometry('TransformStamped', header, 'vicon/firefly_sbx/firefly_sbx', transform)
+
+
+class Sensor(NamedTuple):
+    """What the rows of a sensor become; ``columns`` is the least that they must have."""
+
+    topic: str
+    msgtype: str
+    frame: str
+    columns: int
+    message: Callable[[Any, list[str], Path], Any]
+
+
+# Of equal stamps, inertial data comes first: an estimator wants it up to the time of an image.
+SENSORS = {
+    'imu0': Sensor('/imu0', 'sensor_msgs/msg/Imu', 'imu0', 7, _imu),
+    'cam0': Sensor('/cam0/image_raw', 'sensor_msgs/msg/Image', 'cam0', 2, _image),
+    'cam1': Sensor('/cam1/image_raw', 'sensor_msgs/msg/Image', 'cam1', 2, _image),
+    'state_groundtruth_estimate0': Sensor(
+        '/ground_truth/pose', 'geometry_msgs/msg/PoseStamped', 'world', 8, _pose
+    ),
+    'leica0': Sensor('/leica/position', 'geometry_msgs/msg/PointStamped', 'world', 4, _position),
+    'vicon0': Sensor(
+        '/vicon/firefly_sbx/firefly_sbx',
+        'geometry_msgs/msg/TransformStamped',
+        'world',
+        8,
+        _transform,
+    ),
+}
+
+
+def sensors_in(path: Path) -> dict[Path, Sensor]:
+    """Return the folders of sensors in a sequence or its ``mav0``; none where it is neither."""
+    return {
+        folder: sensor
+        for root in (path / 'mav0', path)
+        for name, sensor in SENSORS.items()
+        if (folder := root / name).joinpath('data.csv').is_file()
+    }
+
+
+class AslFolder:
+    """
+    The sensors of a sequence, to be played.
+
+    :raises ReadError: a file that cannot be read or does not look as it should.
+    """
+
+    offers: Mapping[str, list] = defaultdict(list)  # nothing is known of publishers
+    warnings: Sequence[str] = ()
+
+    def __init__(self, path: Path, sensors: dict[Path, Sensor]) -> None:
+        self.path = path
+        self._sensors = sensors
+        self.topics: list[Topic] = []
+        stamps: list[int] = []
+        for folder, sensor in sensors.items():
+            count, ends = 0, ()
+            for stamp_ns, _ in _rows(folder, sensor):
+                count, ends = count + 1, (*ends[:1], stamp_ns)
+            self.topics.append(Topic(sensor.topic, sensor.msgtype, count))
+            stamps += ends
+        self.span_ns = (min(stamps), max(stamps)) if stamps else None
+
+    def messages(
+        self, names: set[str], start_ns: int, end_ns: int
+    ) -> Iterator[tuple[int, str, bytes]]:
+        """Return the messages of some topics from one time to another, in order."""
+        wanted = {f: sensor for f, sensor in self._sensors.items() if sensor.topic in names}
+        if any(sensor.message is _image for sensor in wanted.values()):
+            try:
+                import PIL  # noqa: F401
+            except ImportError:
+                raise ReadError(
+                    self.path,
+                    "images need Pillow (pip install pillow, or the extra 'images'); "
+                    'or name other topics with --topics',
+                ) from None
+        return self._messages(wanted, start_ns, end_ns)
+
+    def _messages(
+        self, wanted: dict[Path, Sensor], start_ns: int, end_ns: int
+    ) -> Iterator[tuple[int, str, bytes]]:
+        streams = [_labelled(folder, sensor) for folder, sensor in wanted.items()]
+        serialize = standard_types(ros1=False).serialize_cdr
+        time, header = TYPES['builtin_interfaces/msg/Time'], TYPES['std_msgs/msg/Header']
+        for stamp_ns, row, folder, sensor in heapq.merge(*streams, key=itemgetter(0)):
+            if start_ns <= stamp_ns <= end_ns:
+                head = header(time(*divmod(stamp_ns, 10**9)), sensor.frame)
+                try:
+                    message = sensor.message(head, row, folder)
+                except (OSError, ValueError) as error:
+                    raise ReadError(folder, f'at stamp {stamp_ns}: {error}') from error
+                yield stamp_ns, sensor.topic, bytes(serialize(message, sensor.msgtype))
+
+
+def _labelled(folder: Path, sensor: Sensor) -> Iterator[tuple[int, list[str], Path, Sensor]]:
+    return ((stamp_ns, row, folder, sensor) for stamp_ns, row in _rows(folder, sensor))
+
+
+def _rows(folder: Path, sensor: Sensor) -> Iterator[tuple[int, list[str]]]:
+    """Yield the stamp [ns] and the columns of each row of a sensor."""
+    path = folder / 'data.csv'
+    try:
+        with path.open(newline='', encoding='utf-8') as file:
+            for number, row in enumerate(csv.reader(file), 1):
+                if not row or row[0].startswith('#'):
+                    continue
+                if len(row) < sensor.columns or not row[0].strip().isdigit():
+                    raise ReadError(
+                        path, f'line {number} is not a stamp [ns] and {sensor.columns - 1} values'
+                    )
+                yield int(row[0]), row
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
+        raise ReadError(path, str(error)) from error
