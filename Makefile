@@ -34,6 +34,7 @@ test: lint  ## check everything: linter, types and all tests
 lint: $(TESTING)  ## check style and types only
 	@echo 'Checking style (ruff) and types (mypy)'
 	@$(IN_VENV) -m ruff check --quiet
+	@$(IN_VENV) -m ruff format --check --quiet
 	@$(IN_VENV) -m mypy --no-error-summary
 
 format: $(TESTING)  ## lay out the code as the linter wants it

@@ -67,7 +67,9 @@ def test_links_lead_somewhere(document):
 
 
 def test_every_metric_named_in_the_documents_exists():
-    config = EvaluationConfig(rpe_deltas=('1f', '1s', '10m', '10f', '1m', '100m'), segment_lengths_m=(100,))
+    config = EvaluationConfig(
+        rpe_deltas=('1f', '1s', '10m', '10f', '1m', '100m'), segment_lengths_m=(100,)
+    )
     names = set(metric_names(config))
     for document in DOCUMENTS:
         for name in re.findall(

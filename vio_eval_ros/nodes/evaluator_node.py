@@ -16,10 +16,10 @@ from nav_msgs.msg import Path as PathMessage
 import rclpy
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
-from rclpy.executors import ExternalShutdownException, SingleThreadedExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.signals import uninstall_signal_handlers
+from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
@@ -82,6 +82,11 @@ class Evaluator(Node):
             post_callback=lambda jump: self._next_run('the clock jumped back'),
         )
 
+    @property
+    def folder(self) -> Path:
+        """Where the report of the run goes, in the report folder."""
+        return Path(f'run_{self.run_number:04d}') if self.run_number > 1 else Path()
+
     def _create_outputs(self, known: list[str]) -> None:
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
@@ -111,8 +116,7 @@ class Evaluator(Node):
 
     def _tick(self) -> None:
         """Evaluate what has arrived since the last tick, and publish."""
-        self._drain()
-        self._take_in()
+        self.take_in()
         for _, values in self.run.advance():
             self.values = values
             for name, publisher in self._metrics.items():
@@ -132,8 +136,9 @@ class Evaluator(Node):
             self._published = received
             self._result.publish(String(data=REPORTS['json'](self.run.result())))
 
-    def _take_in(self) -> None:
+    def take_in(self) -> None:
         """Hand the poses that have arrived to the run; split it where a stream jumps back."""
+        self._drain()
         for stream, add in (
             (self.estimate, 'add_estimate'),
             (self.ground_truth, 'add_ground_truth'),
@@ -181,8 +186,7 @@ class Evaluator(Node):
                 self.get_logger().error(self.note)
         result = self.run.result()
         self.failed_gates = result.passed is False
-        if rclpy.ok():
-            self._result.publish(String(data=REPORTS['json'](result)))
+        self._result.publish(String(data=REPORTS['json'](result)))
 
     def _display(self) -> None:
         """Publish paths and errors to whoever looks at them."""
@@ -208,10 +212,9 @@ class Evaluator(Node):
         return response
 
     def _write_report(self, _: Any, response: Any) -> Any:
-        self._drain()
-        self._take_in()
+        self.take_in()
         self.note = ''
-        self.finish(Path(f'run_{self.run_number:04d}') if self.run_number > 1 else Path())
+        self.finish(self.folder)
         response.success = not self.note
         response.message = self.note or (self.settings.report_dir or 'published, not written')
         return response
@@ -223,22 +226,19 @@ def _gates(file: str) -> list[Gate]:
 
 def spin(argv: list[str]) -> int:
     """Run the node until it is told to stop; return the exit status."""
-    rclpy.init(args=argv)
+    told: list[int] = []
+    # rclpy's own handlers would end the graph before what is still under way is evaluated
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda number, _: told.append(number))
+    rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
     try:
         node = Evaluator()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        try:
-            executor.spin()
-        except (ExternalShutdownException, KeyboardInterrupt, SystemExit):
-            pass
-        finally:
-            executor.shutdown(timeout_sec=0)
-        # a second Ctrl-C must not spoil the report
-        uninstall_signal_handlers()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)
-        node.finish(Path())
+        while not told:
+            executor.spin_once(timeout_sec=DRAIN_S)
+        node.take_in()
+        node.finish(node.folder)
         return FAILED if node.failed_gates and node.settings.exit_code_from_gates else PASSED
     finally:
         rclpy.try_shutdown()
