@@ -23,6 +23,8 @@ from rosbags.typesys import get_typestore, Stores
 from vio_eval_ros.recordings.bags import Recording
 from vio_eval_ros.recordings.playback import Playback
 
+pytest.importorskip('rclpy', reason='needs ROS 2: pip install ".[ros]"')
+
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / 'demo' / 'simulated_flight'
 V1_02 = 'derived_bags/euroc_V1_02_vins_fusion'

@@ -75,4 +75,6 @@ def _declare(node: Node, item: Field[Any], default: Any) -> Any:
     )
     default = list(default) if isinstance(default, tuple) else default
     value = node.declare_parameter(item.name, default, descriptor).value
+    if value is None:  # what an empty list in a parameter file arrives as
+        return default
     return list(value) if isinstance(value, (tuple, array)) else value
