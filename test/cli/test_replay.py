@@ -276,6 +276,7 @@ def test_nothing_but_json_and_no_progress_bar_in_a_pipe(flight):
         (('--config', 'nowhere.yaml'), 'nowhere.yaml: No such file'),
         (('--estimate-to-body', '1', '2', '3'), 'expected 7 arguments'),
         (('--estimate-to-body', *'0000000'), 'unit quaternion'),
+        (('--estimate-to-body', '1e300', *'000001'), 'estimate_to_body: give'),
         (('--nonsense',), 'unrecognized arguments: --nonsense'),
     ],
 )
@@ -355,6 +356,42 @@ def test_reports_are_written_though_nobody_reads_the_output(flight, tmp_path):
     assert 'No space left' in done.stderr
     assert 'bug' not in done.stderr
     assert json.loads((tmp_path / 'x.json').read_text())['association']['pairs'] == 400
+
+
+@pytest.mark.parametrize('alignment', ['sim3', 'scale'])
+def test_no_scale_makes_up_for_a_truth_that_stands_still(flight, tmp_path, alignment):
+    rows = (flight / 'gt.txt').read_text().splitlines()[1:]
+    (tmp_path / 'gt.txt').write_text('\n'.join(f'{row.split()[0]} 0 0 0 0 0 0 1' for row in rows))
+    done = replay(
+        '--estimate',
+        f'{flight}/est.txt',
+        '--ground-truth',
+        f'{tmp_path}/gt.txt',
+        '--alignment',
+        alignment,
+        '--gate',
+        'ate_trans_rmse_m<=0.1',
+    )
+    assert done.returncode == 1
+    assert done.stderr == ''
+
+
+def test_nobody_has_to_listen_to_stderr(flight):
+    verb = f'{sys.executable} -m vio_eval_ros replay'
+    for command, status in (
+        (f'{verb} {" ".join(pair(flight))} 2>&-', 0),
+        (f'{verb} --estimate nowhere --ground-truth nowhere 2>/dev/full', 2),
+    ):
+        done = subprocess.run(
+            ['bash', '-c', command],
+            capture_output=True,
+            text=True,
+            check=False,
+            timeout=120,
+            env=os.environ | {'PYTHONPATH': str(ROOT)},
+        )
+        assert done.returncode == status, done.stdout
+        assert 'bug' not in done.stdout
 
 
 def test_names_too_long_for_a_path_are_one_line(flight):

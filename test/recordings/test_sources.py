@@ -102,7 +102,8 @@ def test_nanoseconds_in_a_tum_file_are_taken_as_such_and_said_so(tmp_path):
     source = read(str(path))
     assert source.poses.stamps_ns.tolist() == [1403715524500000000]
     assert 'taken as ns, not s' in source.warnings[0]
-    assert read(f'{path}?stamps=ns').warnings == ()
+    assert 'quaternion=wxyz' in source.warnings[1]  # such files come in both orders
+    assert read(f'{path}?stamps=ns&quaternion=xyzw').warnings == ()
 
 
 def test_seconds_in_a_euroc_csv_are_taken_as_such_and_said_so(tmp_path):
@@ -126,6 +127,24 @@ def test_the_order_of_a_quaternion_is_stated_by_user_header_or_kind_never_guesse
     assert read(str(path)).poses.rotations[0].tolist() == [0, 0, 0, 1]
     path.write_text('# t tx ty tz qx qy qz qw\n1 0 0 0 1 0 0 0\n')
     assert read(str(path)).poses.rotations[0].tolist() == [1, 0, 0, 0]
+
+
+def test_stamps_of_kitti_poses_that_are_no_numbers_spoil_their_rows(tmp_path):
+    (tmp_path / 'poses.txt').write_text('1 0 0 5 0 1 0 6 0 0 1 7\n' * 2)
+    (tmp_path / 'times.txt').write_text('nan\n1\n')
+    source = read(str(tmp_path / 'poses.txt'), times=tmp_path / 'times.txt')
+    assert np.isnan(source.poses.positions[0]).all()
+    assert source.poses.positions[1].tolist() == [5, 6, 7]
+
+
+def test_a_question_mark_may_be_part_of_a_name(tmp_path):
+    (tmp_path / 'a?b.txt').write_text(TUM)
+    assert len(read(f'{tmp_path}/a?b.txt').poses) == 2
+
+
+def test_the_same_cannot_be_stated_twice():
+    with pytest.raises(ConfigError, match='stated twice'):
+        Spec.parse('/odom?invert=pose&invert=rotation')
 
 
 def test_an_inverted_pose_is_turned_round(tum):

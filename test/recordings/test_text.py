@@ -109,6 +109,7 @@ def test_stamps_keep_every_nanosecond(tmp_path, stamp, unit, nanoseconds):
         'timestamp tx ty tz qx qy qz qw\n' + ROW,
         '"t","x","y","z"\n' + ROW.replace(' ', ';') + '\n',
         '# a comment\r' + ROW + '\r',
+        '\ufeff# a comment\n' + ROW + '\n',
     ],
     ids=[
         'tabs',
@@ -119,6 +120,7 @@ def test_stamps_keep_every_nanosecond(tmp_path, stamp, unit, nanoseconds):
         'header',
         'semicolons',
         'carriage returns',
+        'byte order mark',
     ],
 )
 def test_layouts_do_not_matter(tmp_path, layout):

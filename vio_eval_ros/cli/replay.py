@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-import sys
 from typing import NamedTuple
 
 from vio_eval_ros.cli.shell import (
     add_options,
+    complain,
     config_of,
     FAILED,
     gates_of,
@@ -141,6 +141,8 @@ def _replay(arguments: argparse.Namespace) -> int:
     summary = evaluation.summary()
     if not len(summary.pairs):
         raise NoPairs(evaluation.no_pairs())
+    if (estimate.spec, estimate.paths) == (truth.spec, truth.paths):
+        summary.warnings.append('the estimate and the ground truth are the same')
     summary.warnings[:0] = dict.fromkeys([*estimate.warnings, *truth.warnings])
 
     hashed = arguments.json or any(report.format == 'json' for report in reports)
@@ -202,7 +204,7 @@ def _written(target: Target, render: Callable[[], str]) -> bool:
     try:
         write(target.path, render())
     except VioEvalError as error:
-        print(f'replay: {target.format}:{error}', file=sys.stderr)
+        complain('replay', f'{target.format}:{error}')
         return False
     return True
 

@@ -75,8 +75,17 @@ def run(verb: str, main: Callable[[], int]) -> int:
             f'this is a bug, please report it: {type(error).__name__}: {error} '
             '(python -X dev shows where)'
         )
-    print(f'{verb}: {" ".join(problem.split())}', file=sys.stderr)
+    complain(verb, problem)
     return UNABLE
+
+
+def complain(verb: str, problem: str) -> None:
+    """Print one line on stderr, if anybody listens."""
+    try:
+        if sys.stderr is not None:
+            print(f'{verb}: {" ".join(problem.split())}', file=sys.stderr, flush=True)
+    except OSError:
+        sys.stderr = None  # type: ignore[assignment]
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
@@ -183,7 +192,7 @@ def _refuse_repetition(path: Path, node: Any, seen: set[int]) -> None:
 def progress(items: Iterable[Any], total: int) -> Iterator[Any]:
     """Yield the items; a read that takes long shows a bar, if stderr is a terminal."""
     items, begin, done = iter(items), time.monotonic(), 0
-    if sys.stderr.isatty():
+    if sys.stderr is not None and sys.stderr.isatty():
         for item in items:
             yield item
             done += 1

@@ -203,10 +203,13 @@ def solve(mode: str, moments: Moments, first: Pairs) -> Alignment:
     if mode == 'origin':
         return _origin(first)
     mean_e, mean_g, cross = moments.mean_estimate, moments.mean_truth, moments.cross
+    spread = [float(np.trace(s)) for s in (moments.estimate_scatter, moments.truth_scatter)]
+    moves = min(spread) > MIN_EXTENT_M**2
     if mode == 'scale':
-        own = float(np.trace(moments.estimate_scatter)) + moments.count * float(mean_e @ mean_e)
+        own = spread[0] + moments.count * float(mean_e @ mean_e)
         both = float(np.trace(cross)) + moments.count * float(mean_e @ mean_g)
-        return Alignment(mode, both / own if own > 0 else math.nan, IDENTITY, np.zeros(3))
+        scale = both / own if own > 0 and both else math.nan  # a truth of zeros has no scale
+        return Alignment(mode, scale, IDENTITY, np.zeros(3))
     scale, why = 1.0, _why_undetermined(mode, moments)
     if mode == 'posyaw':
         yaw = math.atan2(cross[1, 0] - cross[0, 1], cross[0, 0] + cross[1, 1])
@@ -216,9 +219,7 @@ def solve(mode: str, moments: Moments, first: Pairs) -> Alignment:
         signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
         turn = rotation.from_matrix((u * signs) @ vt)
         if mode == 'sim3':
-            own = float(np.trace(moments.estimate_scatter))
-            moves = own > MIN_EXTENT_M**2
-            scale = float(d @ signs) / own if moves else math.nan
+            scale = float(d @ signs) / spread[0] if moves else math.nan
     return Alignment(mode, scale, turn, mean_g - scale * rotation.rotate(turn, mean_e), why)
 
 

@@ -21,6 +21,7 @@ ALIGNMENTS = ('none', 'origin', 'scale', 'posyaw', 'se3', 'sim3')
 RPE_PAIRS = ('all', 'sequential')
 Kind = TypeVar('Kind', bound='Options')
 
+LONGEST_LEVER_M = 1e6
 MAX_SECONDS = 4e9  # int64 nanoseconds hold today's time and this
 DELTA_UNITS = {'f': 'frames', 's': 'seconds', 'm': 'metres', 'd': 'degrees'}
 
@@ -37,8 +38,8 @@ class Delta(NamedTuple):
         match = re.fullmatch(r'(\d+(?:\.\d*)?|\.\d+)([a-z])', text)
         if not match or match[2] not in DELTA_UNITS or not 1e-9 <= float(match[1]) <= 1e9:
             raise ConfigError(
-                f"'{text}' is no delta; write a number above 0 and f (frames), s (seconds), "
-                'm (metres) or d (degrees), such as 1f, 0.5s or 10m'
+                f"'{text}' is no delta; write a number, without exponent, and f (frames), "
+                's (seconds), m (metres) or d (degrees), such as 1f, 0.5s or 10m'
             )
         # as many decimals as its name has
         delta = cls(round(float(match[1]), 9), match[2])
@@ -155,7 +156,11 @@ class EvaluationConfig(Options):
         object.__setattr__(self, 'segment_lengths_m', lengths)
         for name in ('estimate_to_body', 'ground_truth_to_body'):
             pose = getattr(self, name)
-            if len(pose) != 7 or abs(math.hypot(*pose[3:]) - 1) > 1e-2:
+            if (
+                len(pose) != 7
+                or abs(math.hypot(*pose[3:]) - 1) > 1e-2
+                or max(map(abs, pose)) > LONGEST_LEVER_M
+            ):
                 raise ConfigError(
                     f'{name}: give x y z qx qy qz qw with a unit quaternion, '
                     f"not '{' '.join(f'{v:g}' for v in pose)}'"

@@ -57,8 +57,13 @@ class Spec(NamedTuple):
     @classmethod
     def parse(cls, text: str) -> Spec:
         """Return the parts; ``ConfigError`` where a statement is unknown."""
+        if '?' in text and _exists(Path(text)):
+            return cls(Path(text), None, {})
         body, _, query = text.partition('?')
-        statements = dict(parse_qsl(query, keep_blank_values=True))
+        stated = parse_qsl(query, keep_blank_values=True)
+        statements = dict(stated)
+        if len(statements) < len(stated):
+            raise ConfigError(f'{text}: the same is stated twice')
         for name, value in statements.items():
             if name not in STATEMENTS:
                 raise ConfigError(
@@ -284,7 +289,7 @@ def _stamped(
     if values.shape[1] == 4:
         return Poses(stamps, values[:, 1:4])
     order = statements.get('quaternion') or read.quaternion
-    if order is None and read.kind == 'tum' and read.commas:
+    if order is None and read.kind == 'tum' and (read.commas or unit == 'ns'):
         notes.append(
             f'{read.path}: quaternions are taken as x y z w; state ?quaternion=wxyz if w '
             'comes first'
@@ -328,7 +333,8 @@ def _matrices(
         raise ReadError(
             times, f'{len(stamps.values)} stamps for {len(values)} poses in {read.path}'
         )
-    matrices = values.reshape(-1, 3, 4)
+    matrices = values.reshape(-1, 3, 4).copy()
+    matrices[~np.isfinite(stamps.values[:, 0]), :, 3] = np.nan  # to be dropped, and counted
     return Poses(
         stamps.nanoseconds(times, 's'), matrices[:, :, 3], rotation.from_matrix(matrices[:, :, :3])
     )

@@ -90,6 +90,7 @@ def read_text(path: Path, progress: Progress = silent) -> TextFile:
         raise ReadError(
             path, 'this is no text file and no recording; a recording ends in .bag, .db3 or .mcap'
         )
+    data = data.removeprefix(b'\xef\xbb\xbf')  # the byte order mark of Windows
     if b'\r' in data and b'\n' not in data:
         data = data.replace(b'\r', b'\n')
     header, start = _header(data)
