@@ -212,7 +212,9 @@ def _parse(block: bytes, width: int) -> Rows | None:
     if digits is not None and _exact(digits.reshape(-1, width)[:, 1:], decimals):
         values = digits / POWERS[decimals]
     else:
-        values = _numbers(block, np.float64, len(ends))
+        # older numpy would read hexadecimal numbers, too
+        hexadecimal = b'x' in block or b'X' in block
+        values = None if hexadecimal else _numbers(block, np.float64, len(ends))
         if values is None:
             raise _not_a_number(block)
     values = values.reshape(-1, width)
