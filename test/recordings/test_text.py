@@ -155,6 +155,8 @@ def test_blocks_join_without_losing_a_row(tmp_path, monkeypatch):
         ('1-2 0 0 0 0 0 0 1\n', "line 1: '1-2' is not a number"),
         ('- 0 0 0 0 0 0 1\n', "line 1: '-' is not a number"),
         ('1 0 0 0 0 0 0 0x10\n', "line 1: '0x10' is not a number"),
+        ('1 0 0 0 0 0 0 1abc\n', "line 1: '1abc' is not a number"),
+        ('1 0 0 0 0 0 0 1.5abc\n', "line 1: '1.5abc' is not a number"),
         ('1 0 0 0 0 0 0 \xe4\n', 'is not a number'),
         ('1e30 0 0 0 0 0 0 1\n', 'line 1: a stamp is too large'),
         ('1,5 2,5 3,5 4,5 0,0 0,0 0,0 1,0\n', 'decimal commas'),

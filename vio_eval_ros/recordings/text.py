@@ -272,11 +272,11 @@ def _exact(digits: np.ndarray, decimals: np.ndarray) -> bool:
 def _numbers(text: bytes, kind: type, count: int) -> np.ndarray | None:
     """Return ``count`` numbers, or None where the text has something else."""
     with warnings.catch_warnings():
-        # what follows a word that is no number is not read; the count tells
-        warnings.simplefilter('ignore', DeprecationWarning)
+        # how numpy, depending on its version, says that it stopped at what is no number
+        warnings.simplefilter('error', DeprecationWarning)
         try:
             numbers = np.fromstring(text, kind, sep=' ')
-        except ValueError:
+        except (ValueError, DeprecationWarning):
             return None
     return numbers if len(numbers) == count else None
 
