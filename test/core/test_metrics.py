@@ -30,7 +30,7 @@ def run_of(estimate: Trajectory, truth: Trajectory, config: EvaluationConfig) ->
     log.append(associator.flush())
     moments = Moments.of(log.all())
     alignment = solve(config.alignment, moments, log.all()[:1])
-    return Run(log.all(), moments, alignment, associator, [])
+    return Run(log, moments, alignment, associator, [])
 
 
 def matrices(trajectory: Trajectory, scale: float = 1.0) -> np.ndarray:
@@ -58,7 +58,8 @@ class TestEveryMetric:
     def full(self, flight, estimated) -> Run:
         estimate = estimated(flight)
         covariances = np.tile(np.eye(3), (len(estimate), 2, 1, 1))
-        return run_of(replace(estimate, covariances=covariances), flight, self.CONFIG)
+        run = run_of(replace(estimate, covariances=covariances), flight, self.CONFIG)
+        return replace(run, causal={'ate_trans_rmse_m': 1.0, 'ate_rot_rmse_deg': 2.0})
 
     def test_gives_the_same_names_with_and_without_data(self, name, flight, estimated):
         empty, full = run_of(NOTHING, NOTHING, self.CONFIG), self.full(flight, estimated)

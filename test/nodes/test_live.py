@@ -1,5 +1,6 @@
 """A live run gives what a replay of the same poses gives, whenever it is asked."""
 
+import csv
 from dataclasses import replace
 
 import numpy as np
@@ -11,6 +12,7 @@ from vio_eval_ros.core.evaluation import Evaluation, running_series
 from vio_eval_ros.core.gates import Gate
 from vio_eval_ros.errors import WriteError
 from vio_eval_ros.nodes.live import jumped_back, LiveRun
+from vio_eval_ros.recordings.messages import PathRevisions
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.simulation import simulate
 
@@ -27,8 +29,8 @@ def live(flight, batch: int, gates=()) -> LiveRun:
     """Return a run that was fed in batches, and looked at after each."""
     run = LiveRun(EvaluationConfig(), gates, NAMES)
     for k in range(0, 12 * 20, batch):
-        run.series.add_ground_truth(flight.ground_truth[10 * k : 10 * (k + batch)])
-        run.series.add_estimate(flight.estimate[k : k + batch])
+        run.add_ground_truth(flight.ground_truth[10 * k : 10 * (k + batch)])
+        run.add_estimate(flight.estimate[k : k + batch])
         list(run.advance())
     return run
 
@@ -42,27 +44,84 @@ def final(flight):
 
 
 @pytest.mark.parametrize('batch', [7, 20, 240])
-def test_a_live_run_has_the_result_and_the_series_of_its_recording(flight, batch):
+def test_a_live_run_has_the_result_and_the_series_of_its_recording(flight, batch, tmp_path):
     run = live(flight, batch)
-    result, summary = run.result(), final(flight)
+    result, summary = run.write(tmp_path), final(flight)
     assert result.summary.metrics == pytest.approx(summary.metrics, rel=0, abs=0, nan_ok=True)
     assert result.summary.association == pytest.approx(summary.association, rel=0, abs=0)
     recorded = list(running_series(EvaluationConfig(), flight.estimate, flight.ground_truth))
-    rows = [*run.rows, *run.series.rest()]
-    assert [stamp for stamp, _ in rows] == [stamp for stamp, _ in recorded]
-    for (_, values), (_, expected) in zip(rows, recorded, strict=True):
+    lines = (tmp_path / 'series.csv').read_text().splitlines()
+    rows = list(csv.DictReader(lines))
+    assert [row.pop('stamp_ns') for row in rows] == [str(stamp_ns) for stamp_ns, _ in recorded]
+    for row, (_, expected) in zip(rows, recorded, strict=True):
+        values = {name: float(value or 'nan') for name, value in row.items()}
         assert values == pytest.approx(expected, rel=1e-9, nan_ok=True)
+    assert [row['pairs'] for row in rows] == [str(values['pairs']) for _, values in recorded]
+
+
+def path_of(flight, shift_m: float):
+    """Return the Path messages of a system that revises its past by ever more."""
+    for end in range(10, len(flight.estimate) + 1, 10):
+        positions = flight.estimate.positions[:end].copy()
+        positions[:, 2] += shift_m * end * np.sin(np.arange(end))
+        yield replace(flight.estimate[:end], positions=positions)
+
+
+def test_a_path_is_scored_as_last_revised_beside_what_it_was_at_first(flight):
+    run, path = LiveRun(EvaluationConfig(), (), NAMES), PathRevisions()
+    for k, message in enumerate(path_of(flight, 1e-3)):
+        run.add_ground_truth(flight.ground_truth[100 * k : 100 * (k + 1)])
+        run.add_estimate(path.add(message), path)
+        list(run.advance())
+    result = run.result()
+
+    final, causal = Evaluation(EvaluationConfig()), Evaluation(EvaluationConfig())
+    for evaluation, poses in ((final, path.final()), (causal, path.causal())):
+        evaluation.add_estimate(poses)
+        evaluation.add_ground_truth(flight.ground_truth)
+        evaluation.flush()
+    expected = causal.summary().metrics
+    final.causal = causal
+    metrics = final.summary().metrics
+    assert result.summary.metrics == pytest.approx(metrics, rel=0, abs=0, nan_ok=True)
+    assert metrics['ate_causal_trans_rmse_m'] == expected['ate_trans_rmse_m']
+    assert metrics['loop_closure_gain'] > 1.05
+    assert any('loop_closure_gain' in warning for warning in result.summary.warnings)
+    # what runs along is what was known at the time
+    assert run.evaluation.running()['ate_trans_rmse_m'] < metrics['ate_trans_rmse_m']
+
+
+def test_a_path_without_stamps_gives_a_result_that_says_so(flight):
+    run, path = LiveRun(EvaluationConfig(), (), NAMES), PathRevisions('/path')
+    run.add_ground_truth(flight.ground_truth)
+    message = replace(flight.estimate, stamps_ns=np.zeros_like(flight.estimate.stamps_ns))
+    run.add_estimate(path.add(message), path)
+    result = run.result()
+    assert result.summary.association['pairs'] == 0
+    assert any('no stamps of their own' in warning for warning in result.summary.warnings)
+
+
+def test_max_pairs_bounds_what_a_run_keeps(flight):
+    run = LiveRun(EvaluationConfig(), (), NAMES, max_pairs=100)
+    for k in range(0, 240, 20):
+        run.add_ground_truth(flight.ground_truth[10 * k : 10 * (k + 20)])
+        run.add_estimate(flight.estimate[k : k + 20])
+        list(run.advance())
+    result = run.result()
+    assert len(result.summary.pairs) <= 100
+    assert result.summary.association['pairs'] == final(flight).association['pairs']
+    assert any('more than max_pairs' in warning for warning in result.summary.warnings)
 
 
 def test_a_result_asked_for_on_the_way_does_not_change_the_end(flight):
     run = live(flight, 20)
     half = LiveRun(EvaluationConfig(), (), NAMES)
-    half.series.add_ground_truth(flight.ground_truth[:1200])
-    half.series.add_estimate(flight.estimate[:120])
+    half.add_ground_truth(flight.ground_truth[:1200])
+    half.add_estimate(flight.estimate[:120])
     list(half.advance())
     assert half.result().summary.association['pairs'] == 120
-    half.series.add_ground_truth(flight.ground_truth[1200:])
-    half.series.add_estimate(flight.estimate[120:])
+    half.add_ground_truth(flight.ground_truth[1200:])
+    half.add_estimate(flight.estimate[120:])
     list(half.advance())
     assert half.result().summary.metrics == pytest.approx(
         run.result().summary.metrics, rel=0, abs=0, nan_ok=True
@@ -124,5 +183,5 @@ def test_a_tracking_reset_is_noticed_with_its_stamp_and_size(flight):
 def test_what_is_missing_is_told(flight):
     run = LiveRun(EvaluationConfig(), (), NAMES)
     assert run.waiting_for() == 'no estimate yet, no ground truth yet'
-    run.series.add_estimate(flight.estimate)
+    run.add_estimate(flight.estimate)
     assert run.waiting_for().startswith('estimate spans 1403715524.9 to 1403715536.9 s, no ground')

@@ -19,7 +19,7 @@ import yaml
 from vio_eval_ros.errors import ReadError, UnsupportedMessage, VioEvalError
 from vio_eval_ros.recordings import bags
 from vio_eval_ros.recordings.bags import Recording, Topic
-from vio_eval_ros.recordings.messages import collect, CONVERTERS
+from vio_eval_ros.recordings.messages import collect, CONVERTERS, PATH, PathRevisions
 
 ROS2 = get_typestore(Stores.ROS2_JAZZY)
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
@@ -269,7 +269,16 @@ def recording(folder):
 def expected(topic):
     """Return the poses of a topic by way of the converters alone."""
     build = Build(ROS2)
-    return collect(TOPICS[topic], [build.message(topic, k) for k in range(COUNT)])
+    return collected(TOPICS[topic], [build.message(topic, k) for k in range(COUNT)])
+
+
+def collected(msgtype, messages):
+    if msgtype != PATH:
+        return collect(msgtype, messages)
+    path = PathRevisions()
+    for message in messages:
+        path.add(collect(PATH, [message]))
+    return path.final()
 
 
 def assert_identical(found, wanted):
@@ -284,7 +293,7 @@ def assert_identical(found, wanted):
 
 def read(path, *specs, **options):
     with Recording(path) as opened:
-        return opened.read(specs, **options)
+        return [read.poses for read in opened.read(specs, **options)]
 
 
 # --- the same poses out of everything ---
@@ -358,8 +367,8 @@ def test_real_recordings_give_what_rosbags_and_the_converters_give(shared_data):
                         reader.deserialize(data, topic.msgtype)
                         for _, _, data in reader.messages(connections)
                     )
-                    (found,) = opened.read([topic.name])
-                    assert_identical(found, collect(topic.msgtype, messages))
+                    ((found, _),) = opened.read([topic.name])
+                    assert_identical(found, collected(topic.msgtype, messages))
                     compared += 1
     assert compared >= 15
 
@@ -419,9 +428,8 @@ def test_a_chain_through_a_real_tree_agrees_with_its_odometry(shared_data):
     """The robot publishes odom to base_link as a transform and as odometry."""
     path = shared_data / 'bags/evo/nav2_turtlebot.mcap'
     with Recording(path) as opened:
-        odometry, transform, mapped = opened.read(
-            ['/odom', '/tf:odom.base_link', '/tf:map.base_footprint']
-        )
+        read = opened.read(['/odom', '/tf:odom.base_link', '/tf:map.base_footprint'])
+        odometry, transform, mapped = (poses for poses, _ in read)
         warnings = opened.warnings
     assert transform.stamps_ns.tolist() == odometry.stamps_ns.tolist()
     # the localisation begins a little later than the odometry
@@ -462,7 +470,7 @@ def test_only_the_topics_asked_for_are_decoded(tmp_path):
         read(path, '/Odometry')
 
 
-def test_the_revision_of_a_path_can_be_chosen(tmp_path):
+def test_a_path_is_read_as_last_revised_and_as_first_published(tmp_path):
     build = Build(ROS2)
     first, second = build.message('/Path', 3), build.message('/Path', 5)
     for pose in second.poses:
@@ -472,7 +480,8 @@ def test_the_revision_of_a_path_can_be_chosen(tmp_path):
         for k, message in enumerate((first, second))
     ]
     path = write_mcap(tmp_path / 'run', messages=messages)
-    (final,), (causal,) = read(path, '/Path'), read(path, '/Path', revision='causal')
+    with Recording(path) as recording:
+        ((final, causal),) = recording.read(['/Path'])
     assert (final.positions[:, 0] == 99).tolist() == [True] * 6
     assert (causal.positions[:, 0] == 99).tolist() == [False] * 4 + [True] * 2
 
@@ -580,7 +589,7 @@ def test_several_publishers_of_a_topic_are_one_topic(tmp_path):
     with Recording(path) as opened:
         # the slash that ROS 1 lets one leave out is there, so that it can be asked for
         assert opened.topics == [Topic('/pose', 'geometry_msgs/msg/PoseStamped', 2)]
-        assert len(opened.read(['/pose'])[0]) == 2
+        assert len(opened.read(['/pose'])[0].poses) == 2
 
 
 def test_a_message_type_of_ones_own_making_is_converted_by_its_definition(tmp_path):
@@ -658,7 +667,7 @@ def test_a_split_run_is_read_through(tmp_path, plugin):
     with Recording(path) as opened:
         assert len(opened.paths) == 12
         assert opened.topics == [Topic('/Odometry', 'nav_msgs/msg/Odometry', COUNT)]
-        assert_identical(opened.read(['/Odometry'])[0], expected('/Odometry'))
+        assert_identical(opened.read(['/Odometry'])[0].poses, expected('/Odometry'))
 
 
 @pytest.mark.parametrize('plugin', [SQLITE, MCAP], ids=['sqlite', 'mcap'])

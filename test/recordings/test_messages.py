@@ -115,7 +115,7 @@ def test_an_unusable_covariance_is_nan_and_spoils_no_other(entry, value):
 
 def test_covariances_of_zeros_are_unknown():
     odometry = [covariant_pose(stamp, np.zeros(36)) for stamp in (1, 2)]
-    assert np.isnan(collect('nav_msgs/msg/Odometry', odometry).covariances).all()
+    assert collect('nav_msgs/msg/Odometry', odometry).covariances is None
 
 
 def test_messages_of_rclpy_serve_as_well():
@@ -144,41 +144,53 @@ def test_neither_rclpy_nor_rosbags_is_imported():
 REVISIONS = [([1, 2, 3], 10.0), ([1, 2, 3, 4], 20.0), ([3, 4, 5], 30.0)]
 
 
+def revised(revisions) -> PathRevisions:
+    merged = PathRevisions()
+    for revision in revisions:
+        merged.add(collect('nav_msgs/msg/Path', [path(*revision)]))
+    return merged
+
+
 def test_the_final_trajectory_has_the_latest_revision_of_each_stamp():
-    poses = collect('nav_msgs/msg/Path', [path(*revision) for revision in REVISIONS])
+    poses = revised(REVISIONS).final()
     assert poses.stamps_ns.tolist() == [1, 2, 3, 4, 5]
     assert poses.positions[:, 0].tolist() == [20, 20, 30, 30, 30]
 
 
 def test_the_causal_trajectory_has_each_pose_as_first_published():
-    poses = collect('nav_msgs/msg/Path', [path(*revision) for revision in REVISIONS], 'causal')
+    poses = revised(REVISIONS).causal()
     assert poses.stamps_ns.tolist() == [1, 2, 3, 4, 5]
     assert poses.positions[:, 0].tolist() == [10, 10, 10, 20, 30]
 
 
-@pytest.mark.parametrize('revision', ['final', 'causal'])
-def test_a_path_too_long_to_merge_at_once_is_merged_all_the_same(revision):
-    expected, merged = {}, PathRevisions(revision)
+def test_a_path_too_long_to_merge_at_once_is_merged_all_the_same():
+    final, causal, merged = {}, {}, PathRevisions()
     random = np.random.default_rng(1)
     for _ in range(300):
         stamps, x = random.integers(0, 5000, 1000), random.random()
         merged.add(Poses(stamps, np.full((1000, 3), x), np.tile(NUMBERS[3:], (1000, 1))))
         for stamp in stamps.tolist():
-            if revision == 'final':
-                expected[stamp] = x
-            else:
-                expected.setdefault(stamp, x)
-    poses = merged.poses()
-    found = zip(poses.stamps_ns.tolist(), poses.positions[:, 0].tolist(), strict=True)
-    assert dict(found) == expected
+            final[stamp] = x
+            causal.setdefault(stamp, x)
+    for poses, expected in ((merged.final(), final), (merged.causal(), causal)):
+        found = zip(poses.stamps_ns.tolist(), poses.positions[:, 0].tolist(), strict=True)
+        assert dict(found) == expected
+        assert (np.diff(poses.stamps_ns) > 0).all()
+
+
+def test_each_message_of_a_path_gives_what_is_new_in_it():
+    merged = PathRevisions()
+    new = [merged.add(collect('nav_msgs/msg/Path', [path(*each)])) for each in REVISIONS]
+    assert [poses.stamps_ns.tolist() for poses in new] == [[1, 2, 3], [4], [5]]
+    assert [poses.positions[0, 0] for poses in new] == [10, 20, 30]
 
 
 def test_a_path_can_be_read_while_it_grows():
-    merged = PathRevisions()
-    merged.add(collect('nav_msgs/msg/Path', [path([1, 2], 1.0)]))
-    assert merged.poses().positions[:, 0].tolist() == [1, 1]
+    merged = revised([([1, 2], 1.0)])
+    assert merged.final().positions[:, 0].tolist() == [1, 1]
     merged.add(collect('nav_msgs/msg/Path', [path([2, 3], 2.0)]))
-    assert merged.poses().positions[:, 0].tolist() == [1, 2, 2]
+    assert merged.final().positions[:, 0].tolist() == [1, 2, 2]
+    assert merged.causal().positions[:, 0].tolist() == [1, 1, 2]
 
 
 @pytest.mark.parametrize('stamps', [[[0]], [[0, 0], [0, 0, 0]], [[7], [8, 8], [9, 9, 9]]])
@@ -186,15 +198,11 @@ def test_a_path_whose_poses_have_no_stamps_of_their_own_is_refused(stamps):
     merged = PathRevisions(source='/vio/path')
     for each in stamps:
         merged.add(collect('geometry_msgs/msg/PoseStamped', map(stamped_pose, each)))
-    with pytest.raises(ReadError, match=r'^/vio/path: .* no stamps of their own'):
-        merged.poses()
+    for revision in (merged.final, merged.causal):
+        with pytest.raises(ReadError, match=r'^/vio/path: .* no stamps of their own'):
+            revision()
 
 
 def test_a_repeated_stamp_in_a_path_is_no_reason_to_refuse_it():
-    poses = collect('nav_msgs/msg/Path', [path([1]), path([1, 1]), path([1, 1, 2])])
-    assert poses.stamps_ns.tolist() == [1, 2]
-
-
-def test_only_final_and_causal_revisions_exist():
-    with pytest.raises(ValueError, match='newest'):
-        PathRevisions('newest')
+    merged = revised([([1], 0.0), ([1, 1], 0.0), ([1, 1, 2], 0.0)])
+    assert merged.final().stamps_ns.tolist() == merged.causal().stamps_ns.tolist() == [1, 2]

@@ -22,6 +22,7 @@ from vio_eval_ros.cli.shell import (
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation, metric_names, running_series
 from vio_eval_ros.core.gates import check_names, Gate, judge
+from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError, NoPairs, VioEvalError
 from vio_eval_ros.recordings.sources import default_topics, read_sources, Source, Spec
 from vio_eval_ros.reports import REPORTS, write
@@ -134,10 +135,9 @@ def _replay(arguments: argparse.Namespace) -> int:
 
     estimate, truth = _sources(arguments)
     _check_targets([*reports, *([series] if series else [])], [*estimate.paths, *truth.paths])
-    evaluation = Evaluation(config)
-    evaluation.add_ground_truth(truth.poses, truth.zero_stamps)
-    evaluation.add_estimate(estimate.poses, estimate.zero_stamps)
-    evaluation.flush()
+    evaluation = _evaluated(config, estimate.poses, estimate, truth)
+    if estimate.causal is not None:
+        evaluation.causal = _evaluated(config, estimate.causal, estimate, truth)
     summary = evaluation.summary()
     if not len(summary.pairs):
         raise NoPairs(evaluation.no_pairs())
@@ -170,6 +170,17 @@ def _replay(arguments: argparse.Namespace) -> int:
     if not all(written):
         return UNABLE
     return FAILED if result.passed is False else PASSED
+
+
+def _evaluated(
+    config: EvaluationConfig, poses: Poses, estimate: Source, truth: Source
+) -> Evaluation:
+    """Return the evaluation of one revision of the estimate."""
+    evaluation = Evaluation(config)
+    evaluation.add_ground_truth(truth.poses, truth.zero_stamps)
+    evaluation.add_estimate(poses, estimate.zero_stamps)
+    evaluation.flush()
+    return evaluation
 
 
 def _sources(arguments: argparse.Namespace) -> list[Source]:
@@ -212,7 +223,9 @@ def _written(target: Target, render: Callable[[], str]) -> bool:
 def _series(config: EvaluationConfig, estimate: Source, truth: Source) -> str:
     """Return the running values of the run as CSV."""
     zero_stamps = (estimate.zero_stamps, truth.zero_stamps)
-    return series_csv(running_series(config, estimate.poses, truth.poses, zero_stamps))
+    # what a live evaluation would have shown, it showed of poses as first published
+    poses = estimate.poses if estimate.causal is None else estimate.causal
+    return series_csv(running_series(config, poses, truth.poses, zero_stamps))
 
 
 def _sha256(source: Source) -> str | None:

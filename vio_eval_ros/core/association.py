@@ -188,8 +188,9 @@ class Associator:
         self.ground_truth = Stream(self._gap_ns, 0, config.ground_truth_to_body)
         self.closest_ns: int | None = None
         self._tracked = Intervals(self._gap_ns)
-        self._estimate_intervals: list[np.ndarray] = []
-        self._slow = 0
+        self._fast = 0
+        self._longest_fast_ns = 0
+        self._slow_ns = np.empty(0, np.int64)
 
     def add_estimate(self, poses: Poses, zero_stamps: bool = True) -> None:
         """Add a batch of the estimate, in its own clock."""
@@ -215,10 +216,11 @@ class Associator:
         intervals of the estimate. NaN without ground truth.
         """
         limit_ns: float = self._gap_ns
-        if 2 * self._slow >= sum(map(len, self._estimate_intervals)) > 0:
+        if len(self._slow_ns) >= max(self._fast, 1):
             # only a slow estimate (a median above a third of the gap) can need a longer limit
-            self._estimate_intervals = [np.concatenate(self._estimate_intervals)]
-            limit_ns = max(limit_ns, 3 * float(np.median(self._estimate_intervals[0])))
+            fast_ns = np.full(self._fast, self._longest_fast_ns)
+            median_ns = float(np.median(np.concatenate([fast_ns, self._slow_ns])))
+            limit_ns = max(limit_ns, 3 * median_ns)
         duration_ns = self.ground_truth.intervals.total_ns(limit_ns)
         # the estimates of the first and last pair may lie outside the ground truth
         return (
@@ -241,8 +243,10 @@ class Associator:
         self._tracked.add(pairs.estimate.stamps_ns)
         self.ground_truth.settle(self._horizon_ns, horizon_ns)
         intervals = self.estimate.settle(self._horizon_ns, horizon_ns)
-        self._estimate_intervals.append(intervals)
-        self._slow += int(np.count_nonzero(3 * intervals > self._gap_ns))
+        slow = 3 * intervals > self._gap_ns
+        self._slow_ns = np.concatenate([self._slow_ns, intervals[slow]])
+        self._fast += len(intervals) - int(np.count_nonzero(slow))
+        self._longest_fast_ns = max(self._longest_fast_ns, int(intervals[~slow].max(initial=0)))
         for stream in (self.estimate, self.ground_truth):
             stream.forget(self._needed_from(horizon_ns))
         self._horizon_ns = horizon_ns

@@ -206,6 +206,11 @@ def _typed(name: str, value: Any, kind: Any) -> Any:
         if isinstance(value, bool):
             return value
         raise ConfigError(f'{name}: {_shown(value)} is neither true nor false')
+    if kind == 'int':
+        number = _number(name, value)
+        if number.is_integer():
+            return int(number)
+        raise ConfigError(f'{name}: {_shown(value)} is not a whole number')
     if kind == 'float':
         return _number(name, math.inf if name == 'end_s' and value is None else value)
     items = [value] if isinstance(value, (str, int, float)) else value

@@ -24,10 +24,11 @@ from vio_eval_ros.core.alignment import Alignment, Moments, solve
 from vio_eval_ros.core.association import AFTER_ALL, Associator, BEFORE_ALL, nanoseconds, Stream
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.metrics import METRICS, Run
-from vio_eval_ros.core.trajectory import PairLog, Pairs, Poses
+from vio_eval_ros.core.trajectory import Cleaning, PairLog, Pairs, Poses
 
 FEW_PAIRS = 10
 SECOND_NS = 10**9
+MOST_WAITING = 10
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,14 +51,25 @@ class Summary:
 
 
 class Evaluation:
-    """Compares an estimate with ground truth, in batches of any size and order."""
+    """
+    Compares an estimate with ground truth, in batches of any size and order.
 
-    def __init__(self, config: EvaluationConfig) -> None:
+    :param max_pairs: how many pairs are kept; with more, only what can be kept up to date is of
+        all pairs, and the rest of those that are left, see :class:`PairLog`.
+    """
+
+    def __init__(self, config: EvaluationConfig, max_pairs: int | None = None) -> None:
         self.config = config
         self.associator = Associator(config)
+        #: the same run as first published, where its estimate was revised since
+        self.causal: Evaluation | None = None
         self._log = PairLog()
+        self._max_pairs = max_pairs
+        self._difference_sum_ns = 0
+        self._difference_max_ns = 0
         self._metrics = [metric(config) for metric in METRICS.values()]
         self._align_first_ns = nanoseconds(config.align_first_s)
+        self._first: Moments | None = None
         self._moments = Moments.empty()
         self._referenced = 0
 
@@ -71,7 +83,7 @@ class Evaluation:
 
     def flush(self) -> None:
         """Decide what only more poses could have changed: the streams have ended."""
-        self._log.append(self.associator.flush())
+        self._take(self.associator.flush())
 
     def running(self) -> dict[str, float]:
         """
@@ -80,27 +92,30 @@ class Evaluation:
         Each call takes in the pairs since the one before. Equal to those of :meth:`summary` to
         1e-9 relative, unless a few poses are off by a million times the others' errors.
         """
-        pairs, alignment = self.aligned()
-        run = Run(pairs, self._moments, alignment, self.associator, [])
-        values: dict[str, float] = {'pairs': len(pairs)}
-        for metric in self._metrics:
-            values |= metric.running(run)
+        alignment = self._aligned()
+        run = Run(self._log, self._moments, alignment, self.associator, [])
+        values = {'pairs': self._log.count} | self._running(run)
+        if self._max_pairs is not None:
+            self._log.thin(self._max_pairs)  # now that every pair was taken in
         return values
 
     def aligned(self) -> tuple[Pairs, Alignment]:
-        """Return the pairs so far, and their alignment."""
-        pairs = self._decided()
-        moments = self._running_moments(pairs)
-        fitted = Moments.of(self._to_align(pairs)) if self._align_first_ns else moments
-        return pairs, self._solve(fitted, pairs)
+        """Return the pairs, evenly over the run so far, and the alignment of all."""
+        alignment = self._aligned()
+        return self._log.evenly(), alignment
+
+    def since(self, index: int) -> Pairs:
+        """Return the pairs from this one on, counted over the run, as far as none is missing."""
+        return self._log.since(index)
 
     def window(self, seconds: float) -> dict[str, float]:
         """Return all metrics over the pairs of the last seconds, under the alignment of all."""
-        pairs, alignment = self.aligned()
+        alignment = self._aligned()
+        pairs, log = self._log.since(0), PairLog()
         stamps = pairs.estimate.stamps_ns
         if len(stamps):
-            pairs = pairs[np.searchsorted(stamps, stamps[-1] - nanoseconds(seconds)) :]
-        run = Run(pairs, Moments.of(pairs), alignment, self.associator, [])
+            log.append(pairs[np.searchsorted(stamps, stamps[-1] - nanoseconds(seconds)) :])
+        run = Run(log, Moments.of(log.all()), alignment, self.associator, [])
         metrics: dict[str, float] = {}
         for metric in self._metrics:
             metrics |= metric.final(run)
@@ -109,11 +124,10 @@ class Evaluation:
 
     def summary(self) -> Summary:
         """Return all metrics over the pairs so far."""
-        pairs = self._decided()
-        warnings = self._stream_warnings()
-        moments = Moments.of(pairs)
-        fitted = Moments.of(self._to_align(pairs)) if self._align_first_ns else moments
-        alignment = self._solve(fitted, pairs)
+        self._take(self.associator.decide())
+        pairs, warnings = self._log.evenly(), self._stream_warnings()
+        moments = self._running_moments() if self._log.dropped else Moments.of(pairs)
+        alignment = self._solve(moments)
         if len(pairs) and not alignment.observable:
             warnings.append(
                 f'{alignment.undetermined}: the rotation of the {alignment.mode} alignment is not '
@@ -121,11 +135,20 @@ class Evaluation:
             )
         if len(pairs) < FEW_PAIRS:
             warnings.append(f'{_only(len(pairs))}: the numbers mean little')
-        run = Run(pairs, moments, alignment, self.associator, warnings)
+        if self._log.dropped:
+            warnings.append(
+                f'{self._log.count} pairs, more than max_pairs: rmse, pairs, path and ratios are '
+                f'of all, relative errors and segments of the newest {len(self.since(0))}, all '
+                f'else of {len(pairs)}'
+            )
+        causal = self.causal.summary().metrics if self.causal else None
+        run = Run(self._log, moments, alignment, self.associator, warnings, causal)
         metrics: dict[str, float] = {}
         for metric in self._metrics:
             metrics |= metric.final(run)
-        return Summary(pairs, self._association(pairs, metrics), alignment, metrics, warnings)
+        if self._log.dropped:
+            metrics |= self._running(run)
+        return Summary(pairs, self._association(metrics), alignment, metrics, warnings)
 
     def no_pairs(self) -> str:
         """Return why there are no pairs, in one line with both time spans."""
@@ -150,43 +173,67 @@ class Evaluation:
         closest = f'the closest stamps are {closest_ns / 1e9:g} s apart'
         return f'no pairs {tolerance}: {spans}; {closest}; {advice}'
 
-    def _decided(self) -> Pairs:
-        """Return all pairs that the poses so far decide."""
-        self._log.append(self.associator.decide())
-        return self._log.all()
+    def _aligned(self) -> Alignment:
+        """Take in what the poses so far decide; return the alignment of all pairs."""
+        self._take(self.associator.decide())
+        return self._solve(self._running_moments())
 
-    def _running_moments(self, pairs: Pairs) -> Moments:
+    def _take(self, pairs: Pairs) -> None:
+        """Add newly decided pairs."""
+        if len(pairs):
+            difference = np.abs(pairs.estimate.stamps_ns - pairs.ground_truth.stamps_ns)
+            self._difference_sum_ns += int(difference.sum())
+            self._difference_max_ns = max(self._difference_max_ns, int(difference.max()))
+            self._log.append(pairs)
+
+    def _running(self, run: Run) -> dict[str, float]:
+        values: dict[str, float] = {}
+        for metric in self._metrics:
+            values |= metric.running(run)
+        return values
+
+    def _running_moments(self) -> Moments:
         """Return the moments of all pairs, about an alignment never older than half of them."""
-        if len(pairs) >= 2 * self._referenced:
+        log = self._log
+        if log.count >= 2 * self._referenced and not log.dropped:
+            pairs = log.all()
             reference = solve('sim3', Moments.of(pairs), pairs[:1]).near().linear
             self._moments, self._referenced = Moments.of(pairs, reference), len(pairs)
         else:
-            new = Moments.of(pairs[self._moments.count :], self._moments.reference)
+            new = Moments.of(log.since(self._moments.count), self._moments.reference)
             self._moments = self._moments.merge(new)
         return self._moments
 
-    def _to_align(self, pairs: Pairs) -> Pairs:
-        """Return the pairs of the first ``align_first_s`` seconds."""
+    def _first_moments(self) -> Moments:
+        """Return the moments of the pairs of the first ``align_first_s`` seconds."""
+        if self._first is not None:
+            return self._first
+        pairs = self._log.all()
         stamps = pairs.estimate.stamps_ns
         if not len(stamps):
-            return pairs
-        return pairs[: np.searchsorted(stamps, stamps[0] + self._align_first_ns, side='right')]
+            return Moments.empty()
+        end = int(np.searchsorted(stamps, stamps[0] + self._align_first_ns, side='right'))
+        moments = Moments.of(pairs[:end])
+        if end < len(pairs):
+            self._first = moments  # all of them are there
+        return moments
 
-    def _solve(self, fitted: Moments, pairs: Pairs) -> Alignment:
-        return solve(self.config.alignment, fitted, pairs[:1])
+    def _solve(self, moments: Moments) -> Alignment:
+        fitted = self._first_moments() if self._align_first_ns else moments
+        return solve(self.config.alignment, fitted, self._log.all()[:1])
 
-    def _association(self, pairs: Pairs, metrics: dict[str, float]) -> dict[str, float]:
+    def _association(self, metrics: dict[str, float]) -> dict[str, float]:
         estimate, truth = self.associator.estimate, self.associator.ground_truth
-        difference = np.abs(pairs.estimate.stamps_ns - pairs.ground_truth.stamps_ns) / 1e9
+        count = self._log.count
         one_to_one = self.config.association == 'nearest'
         return {
-            'pairs': len(pairs),
+            'pairs': count,
             'coverage_ratio': metrics['coverage_ratio'],
             'matched_ratio': metrics['matched_ratio'],
-            'abs_difference_mean_s': float(difference.mean()) if len(pairs) else math.nan,
-            'abs_difference_max_s': float(difference.max()) if len(pairs) else math.nan,
-            'unmatched_estimates': estimate.settled - len(pairs),
-            'unmatched_ground_truth': truth.settled - len(pairs) if one_to_one else math.nan,
+            'abs_difference_mean_s': self._difference_sum_ns / count / 1e9 if count else math.nan,
+            'abs_difference_max_s': self._difference_max_ns / 1e9 if count else math.nan,
+            'unmatched_estimates': estimate.settled - count,
+            'unmatched_ground_truth': truth.settled - count if one_to_one else math.nan,
         }
 
     def _stream_warnings(self) -> list[str]:
@@ -221,13 +268,20 @@ class RunningSeries:
 
     Poses may come in batches of any size: what belongs to a second is evaluated when both streams
     have passed it. So a live series has the rows that a recording of it has.
+
+    :param max_pairs: how many pairs are kept, see :class:`Evaluation`. Of ten times as many poses
+        that wait for the other stream, ground truth being faster, the oldest are given up.
     """
 
-    def __init__(self, config: EvaluationConfig) -> None:
-        self.evaluation = Evaluation(config)
+    def __init__(self, config: EvaluationConfig, max_pairs: int | None = None) -> None:
+        self.evaluation = Evaluation(config, max_pairs)
         self._offset_ns = nanoseconds(config.time_offset_s)
-        self._estimate = _Held(self.evaluation.add_estimate)
-        self._ground_truth = _Held(self.evaluation.add_ground_truth)
+        associator = self.evaluation.associator
+        limit = None if max_pairs is None else MOST_WAITING * max_pairs
+        self._estimate = _Held(self.evaluation.add_estimate, associator.estimate.counts, limit)
+        self._ground_truth = _Held(
+            self.evaluation.add_ground_truth, associator.ground_truth.counts, limit
+        )
 
     def add_estimate(self, poses: Poses, zero_stamps: bool = True) -> None:
         """Add a batch of estimated poses; ``zero_stamps`` False drops those stamped 0."""
@@ -240,21 +294,21 @@ class RunningSeries:
     def rows(self) -> Iterator[tuple[int, dict[str, float]]]:
         """Yield stamp and running values of every second that both streams have passed."""
         passed_ns = min(self._estimate.newest_ns, self._ground_truth.newest_ns)
-        for stamp_ns in self._seconds():
+        for stamp_ns in self._seconds(passed_ns):
             if stamp_ns < passed_ns:
                 self._release(stamp_ns)
                 yield stamp_ns, self.evaluation.running()
 
     def rest(self) -> Iterator[tuple[int, dict[str, float]]]:
         """Yield the rows that are left at the end of both streams; the last has final values."""
-        for stamp_ns in self._seconds()[:-1]:
+        for stamp_ns in self._seconds(AFTER_ALL)[:-1]:
             self._release(stamp_ns)
             yield stamp_ns, self.evaluation.running()
         newest_ns = max(self._estimate.newest_ns, self._ground_truth.newest_ns)
         self._release(newest_ns)
         self.evaluation.flush()
         summary = self.evaluation.summary()
-        final = {'pairs': len(summary.pairs)} | summary.metrics
+        final = summary.association | summary.metrics
         yield newest_ns, {name: final[name] for name in self.evaluation.running()}
 
     def waiting_for(self) -> str:
@@ -269,12 +323,13 @@ class RunningSeries:
                 )
         return ', '.join(spans)
 
-    def _seconds(self) -> list[int]:
-        """Return the whole seconds by which the poses held have arrived."""
+    def _seconds(self, until_ns: int) -> list[int]:
+        """Return the whole seconds by which the poses held up to a stamp have arrived."""
         clocks = [*self._estimate.clocks, *self._ground_truth.clocks]
         if not clocks:
             return []
-        seconds = np.unique(-(-np.concatenate(clocks) // SECOND_NS)) * SECOND_NS
+        clock = np.concatenate(clocks)
+        seconds = np.unique(-(-clock[clock <= until_ns] // SECOND_NS)) * SECOND_NS
         return [int(second) for second in seconds]
 
     def _release(self, until_ns: int) -> None:
@@ -302,7 +357,11 @@ def running_series(
 class _Held:
     """Poses of a stream that wait for their second to be over."""
 
-    def __init__(self, add: Callable[[Poses, bool], None]) -> None:
+    def __init__(
+        self, add: Callable[[Poses, bool], None], counts: Cleaning, limit: int | None
+    ) -> None:
+        self._counts = counts
+        self._limit = limit
         self.oldest_ns = AFTER_ALL
         self.newest_ns = BEFORE_ALL
         self.clocks: list[np.ndarray] = []
@@ -319,6 +378,19 @@ class _Held:
         self.clocks.append(clock_ns)
         self._poses.append(poses)
         self._zero_stamps = zero_stamps
+        if self._limit is not None:
+            self._give_up(sum(map(len, self._poses)) - self._limit)
+
+    def _give_up(self, excess: int) -> None:
+        """Drop as many of the oldest poses as are too many."""
+        while excess > 0:
+            dropped = min(excess, len(self._poses[0]))
+            self._poses[0] = self._poses[0][dropped:]
+            self.clocks[0] = self.clocks[0][dropped:]
+            if not len(self._poses[0]):
+                del self._poses[0], self.clocks[0]
+            self._counts.overflow += dropped
+            excess -= dropped
 
     def release(self, until_ns: int) -> None:
         """Hand on the poses up to a stamp."""

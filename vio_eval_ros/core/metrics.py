@@ -9,25 +9,28 @@ from pair i to pair j the angle between A_i and A_j.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 import math
 
 import numpy as np
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.alignment import Alignment, Moments, solve
+from vio_eval_ros.core.angles import AngleMoments
 from vio_eval_ros.core.association import Associator, nanoseconds, nearest
 from vio_eval_ros.core.config import Delta, EvaluationConfig, plain
 from vio_eval_ros.core.rotation import lengths
 from vio_eval_ros.core.statistics import root_mean_square, statistics
-from vio_eval_ros.core.trajectory import as_slice, blocks, Pairs, rows
+from vio_eval_ros.core.trajectory import as_slice, blocks, PairLog, Pairs, rows
 
 ALWAYS_ALIGNED = ('none', 'posyaw', 'se3', 'sim3')
 RPE_KINDS = {'trans': 'm', 'rot': 'deg', 'disp': 'm', 'dist': 'm'}
 DELTA_TOLERANCE = 0.1
 SEGMENT_STEP = 10
 SINGULAR = 1e-12
+MAX_GAIN = 1.05
 KITTI_LENGTHS_M = tuple(range(100, 900, 100))
 
 
@@ -36,18 +39,30 @@ class Run:
     """
     What metrics are computed from.
 
-    :param pairs: all pairs so far.
+    :param log: all pairs so far.
     :param moments: of their positions.
     :param alignment: the chosen one.
     :param associator: where the pairs come from.
     :param warnings: sentences for the user; metrics may add to them.
+    :param causal: the metrics of the estimate as first published, where it was revised since.
     """
 
-    pairs: Pairs
+    log: PairLog
     moments: Moments
     alignment: Alignment
     associator: Associator
     warnings: list[str]
+    causal: Mapping[str, float] | None = None
+
+    @property
+    def pairs(self) -> Pairs:
+        """All pairs that are kept; of more than that, the newest are denser."""
+        return self.log.all()
+
+    @cached_property
+    def sample(self) -> Pairs:
+        """All pairs; of more than can be kept, some, evenly over the run."""
+        return self.log.evenly()
 
 
 class Metric:
@@ -92,23 +107,39 @@ def rotation_errors(pairs: Pairs, alignment: Alignment) -> np.ndarray:
 class Ate(Metric):
     """Absolute errors of position and orientation under the alignment (Sturm et al. 2012)."""
 
+    def __init__(self, config: EvaluationConfig) -> None:
+        super().__init__(config)
+        self._angles: AngleMoments | None = None
+
     def final(self, run: Run) -> dict[str, float]:
         """Return all statistics under the chosen alignment, the RMSE under the usual ones."""
         return (
-            named('ate_trans', 'm', position_errors(run.pairs, run.alignment))
-            | named('ate_rot', 'deg', rotation_errors(run.pairs, run.alignment))
+            named('ate_trans', 'm', position_errors(run.sample, run.alignment))
+            | named('ate_rot', 'deg', rotation_errors(run.sample, run.alignment))
             | self._usual(
-                run, lambda alignment: root_mean_square(position_errors(run.pairs, alignment))
+                run, lambda alignment: root_mean_square(position_errors(run.sample, alignment))
             )
         )
 
     def running(self, run: Run) -> dict[str, float]:
-        """Return the RMSE: of positions in closed form, of angles over all so far."""
-        angles = rotation_errors(run.pairs, run.alignment)
+        """Return the RMSE in closed form, at the same cost for any number of pairs."""
         return {
             'ate_trans_rmse_m': math.sqrt(run.alignment.mean_square(run.moments)),
-            'ate_rot_rmse_deg': root_mean_square(angles),
+            'ate_rot_rmse_deg': self._rotation_rmse(run),
         } | self._usual(run, lambda alignment: math.sqrt(alignment.mean_square(run.moments)))
+
+    def _rotation_rmse(self, run: Run) -> float:
+        """Return the RMSE of angles; their moments are taken anew where R has turned too far."""
+        turns, turn, known = run.pairs.turns, run.alignment.rotation, self._angles
+        if turns is None or not run.alignment.observable:
+            return math.nan
+        if known is not None:
+            new = turns[len(turns) - (run.log.count - known.count) :]
+            known = known.merge(AngleMoments.of(new, known.reference))
+        if known is None or not (known.holds(turn) or run.log.dropped):
+            known = AngleMoments.of(turns, turn)
+        self._angles = known
+        return math.degrees(math.sqrt(known.mean_square(turn)))
 
     def _usual(self, run: Run, rmse: Callable[[Alignment], float]) -> dict[str, float]:
         usual = {mode: solve(mode, run.moments, run.pairs[:1]) for mode in ALWAYS_ALIGNED}
@@ -262,14 +293,15 @@ class Rpe(Metric):
     def final(self, run: Run) -> dict[str, float]:
         """Return all statistics of the four kinds of error, and how many there are."""
         metrics: dict[str, float] = {}
+        pairs = run.log.since(0)
         for delta in self._deltas:
-            found = candidates(progress_along(run.pairs, delta.unit), delta, self.config.rpe_pairs)
+            found = candidates(progress_along(pairs, delta.unit), delta, self.config.rpe_pairs)
             begin, end = found.begin[found.usable], found.end[found.usable]
-            errors = relative_errors(run.pairs, begin, end, run.alignment)
+            errors = relative_errors(pairs, begin, end, run.alignment)
             for (kind, unit), row in zip(RPE_KINDS.items(), errors, strict=True):
                 metrics |= named(f'rpe_{delta}_{kind}', unit, row)
             metrics[f'rpe_{delta}_pairs'] = len(begin)
-            self._warn(run, delta, begin, end)
+            self._warn(run.warnings, pairs.estimate.stamps_ns, delta, begin, end)
         return metrics
 
     def running(self, run: Run) -> dict[str, float]:
@@ -279,16 +311,23 @@ class Rpe(Metric):
             metrics |= series.update(run)
         return metrics
 
-    def _warn(self, run: Run, delta: Delta, begin: np.ndarray, end: np.ndarray) -> None:
+    def _warn(
+        self,
+        warnings: list[str],
+        stamps_ns: np.ndarray,
+        delta: Delta,
+        begin: np.ndarray,
+        end: np.ndarray,
+    ) -> None:
         if not len(begin):
-            run.warnings.append(f'rpe_{delta}: no two pairs are {delta} apart')
+            warnings.append(f'rpe_{delta}: no two pairs are {delta} apart')
         elif delta.unit == 'f':
-            intervals = np.diff(run.pairs.estimate.stamps_ns)
+            intervals = np.diff(stamps_ns)
             limit_ns = max(nanoseconds(self.config.max_gap_s), 3 * float(np.median(intervals)))
             gaps = np.concatenate([[0], np.cumsum(intervals > limit_ns)])
             bridging = int(np.count_nonzero(gaps[end] > gaps[begin]))
             if bridging:
-                run.warnings.append(
+                warnings.append(
                     f'rpe_{delta}: {bridging} of {len(begin)} relative motions '
                     f'bridge a gap longer than {limit_ns / 1e9:g} s'
                 )
@@ -358,8 +397,10 @@ class RunningRpe:
         self._moments: ErrorMoments | None = None
 
     def update(self, run: Run) -> dict[str, float]:
-        """Take in what the pairs since the last call decide; return the four values."""
-        pairs = run.pairs[self._next :]
+        """Take in what the pairs since the last call decide; return the values."""
+        if self._next < run.log.first_of_all:  # waited too long for a delta to be over
+            self._next, self._mark = run.log.first_of_all, 0.0
+        pairs = run.log.since(self._next)
         along = progress_along(pairs, self._delta.unit)
         found = candidates(along, self._delta, self._mode, self._mark)
         # no pair to come can be nearer to a place that has been reached; the rest may change
@@ -384,7 +425,7 @@ class RunningRpe:
         return {
             f'rpe_{self._delta}_{kind}_rmse_{unit}': moments.rmse(kind, run.alignment)
             for kind, unit in RPE_KINDS.items()
-        }
+        } | {f'rpe_{self._delta}_pairs': moments.count}
 
 
 class Segments(Metric):
@@ -392,14 +433,16 @@ class Segments(Metric):
 
     def final(self, run: Run) -> dict[str, float]:
         """Return the mean drift over each length, and the KITTI mean over 100 to 800 m."""
-        path = progress_along(run.pairs, 'm')
+        pairs, scale = run.log.since(0), run.alignment.scale
+        path = progress_along(pairs, 'm')
         metrics: dict[str, float] = {}
         for length in self.config.segment_lengths_m:
-            metrics |= self._drift(f'segment_{plain(length)}m', run, path, (length,))
-        return metrics | self._drift('kitti', run, path, KITTI_LENGTHS_M)
+            name = f'segment_{plain(length)}m'
+            metrics |= self._drift(name, pairs, scale, path, (length,))
+        return metrics | self._drift('kitti', pairs, scale, path, KITTI_LENGTHS_M)
 
     def _drift(
-        self, name: str, run: Run, path: np.ndarray, over: tuple[float, ...]
+        self, name: str, pairs: Pairs, scale: float, path: np.ndarray, over: tuple[float, ...]
     ) -> dict[str, float]:
         begin = np.arange(0, len(path), SEGMENT_STEP)
         translations, angles = [np.empty(0)], [np.empty(0)]
@@ -408,8 +451,8 @@ class Segments(Metric):
             inside = end < len(path)
             begins, ends = begin[inside], end[inside]
             for part in blocks(len(begins)):
-                motion = Motion.between(run.pairs, begins[part], ends[part])
-                translations.append(motion.pose_errors(run.alignment.scale) / length)
+                motion = Motion.between(pairs, begins[part], ends[part])
+                translations.append(motion.pose_errors(scale) / length)
                 angles.append(np.degrees(motion.angles) / length)
         drift, turn = np.concatenate(translations), np.concatenate(angles)
         return {
@@ -422,6 +465,11 @@ class Segments(Metric):
 class Path(Metric):
     """How far the run went, and how far off it ended for that."""
 
+    def __init__(self, config: EvaluationConfig) -> None:
+        super().__init__(config)
+        self._length_m = 0.0
+        self._last = 0
+
     def final(self, run: Run) -> dict[str, float]:
         """
         Return the ground truth's path over the pairs, and the drift at the end in percent of it.
@@ -429,12 +477,22 @@ class Path(Metric):
         The drift is the relative pose error from the first pair to the last.
         """
         path = progress_along(run.pairs, 'm')
-        length = float(path[-1]) if len(path) else math.nan
+        return self._metrics(run, float(path[-1]) if len(path) else math.nan)
+
+    def running(self, run: Run) -> dict[str, float]:
+        """Return the same, adding only the path since the last call."""
+        if not run.log.count:
+            return self._metrics(run, math.nan)
+        self._length_m += float(progress_along(run.log.since(self._last), 'm')[-1])
+        self._last = run.log.count - 1
+        return self._metrics(run, self._length_m)
+
+    def _metrics(self, run: Run, length_m: float) -> dict[str, float]:
         drift = math.nan
-        if length > 0:
-            whole = Motion.between(run.pairs, np.array([0]), np.array([len(path) - 1]))
-            drift = 100 * float(whole.pose_errors(run.alignment.scale)[0]) / length
-        return {'path_length_m': length, 'drift_percent': drift}
+        if length_m > 0:
+            whole = Motion.between(run.pairs, np.array([0]), np.array([len(run.pairs) - 1]))
+            drift = 100 * float(whole.pose_errors(run.alignment.scale)[0]) / length_m
+        return {'path_length_m': length_m, 'drift_percent': drift}
 
 
 class Nees(Metric):
@@ -442,7 +500,7 @@ class Nees(Metric):
 
     def final(self, run: Run) -> dict[str, float]:
         """Return the mean squares of position and orientation errors over their covariance."""
-        estimate, turns = run.pairs.estimate, run.pairs.turns
+        estimate, turns = run.sample.estimate, run.sample.turns
         position = orientation = math.nan
         if (
             estimate.covariances is not None
@@ -450,7 +508,7 @@ class Nees(Metric):
             and run.alignment.scale > 0
         ):
             back = rotation.conjugate(run.alignment.rotation)
-            truth = run.pairs.ground_truth.positions - run.alignment.translation
+            truth = run.sample.ground_truth.positions - run.alignment.translation
             error = rotation.rotate(back, truth) / run.alignment.scale - estimate.positions
             position = self._mean('position', run, error, 0)
             if any(self.config.estimate_to_body[:3]):
@@ -462,7 +520,7 @@ class Nees(Metric):
 
     def _mean(self, name: str, run: Run, errors: np.ndarray, block: int) -> float:
         """Return the mean over the pairs whose covariance is positive definite."""
-        covariances = run.pairs.estimate.covariances[:, block]  # type: ignore[index]
+        covariances = run.sample.estimate.covariances[:, block]  # type: ignore[index]
         usable = np.isfinite(covariances).all(axis=(1, 2))
         variances = np.linalg.eigvalsh(covariances[usable])
         usable[usable] = variances[:, 0] > SINGULAR * variances[:, 2]
@@ -483,17 +541,37 @@ class Coverage(Metric):
         """Return the share of the time that was tracked, and of the estimates that were paired."""
         settled = run.associator.estimate.settled
         coverage = run.associator.coverage_ratio()
-        if math.isnan(coverage) and len(run.pairs):
+        if math.isnan(coverage) and run.log.count:
             run.warnings.append(
                 'coverage_ratio is null: no two poses of the ground truth are within max_gap_s '
                 f'({self.config.max_gap_s:g} s)'
             )
         return {
             'coverage_ratio': coverage,
-            'matched_ratio': len(run.pairs) / settled if settled else math.nan,
+            'matched_ratio': run.log.count / settled if settled else math.nan,
         }
 
     running = final
+
+
+class Revisions(Metric):
+    """What a system made better by revising its past, as a loop closure does."""
+
+    def final(self, run: Run) -> dict[str, float]:
+        """Return the ATE as first published, and the loop-closure gain: final over causal ATE."""
+        causal = run.causal or {}
+        before = causal.get('ate_trans_rmse_m', math.nan)
+        after = math.sqrt(run.alignment.mean_square(run.moments)) if run.causal else math.nan
+        gain = after / before if before > 0 else math.nan
+        if gain > MAX_GAIN:
+            run.warnings.append(
+                f'loop_closure_gain: revising its past made the estimate {gain:.3g} times as wrong'
+            )
+        return {
+            'ate_causal_trans_rmse_m': before,
+            'ate_causal_rot_rmse_deg': causal.get('ate_rot_rmse_deg', math.nan),
+            'loop_closure_gain': gain,
+        }
 
 
 def _mean(values: np.ndarray) -> float:
@@ -507,4 +585,5 @@ METRICS: dict[str, Callable[[EvaluationConfig], Metric]] = {
     'path': Path,
     'nees': Nees,
     'coverage': Coverage,
+    'revisions': Revisions,
 }

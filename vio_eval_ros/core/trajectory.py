@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+import copy
+from dataclasses import asdict, dataclass, replace
 from typing import Any, TypeVar
 
 import numpy as np
@@ -70,16 +71,29 @@ class Poses:
 
     @classmethod
     def concatenate(cls: type[Columns], parts: Sequence[Columns]) -> Columns:
-        """Return all parts in one; a column that any non-empty part lacks is None."""
+        """
+        Return all parts in one.
+
+        Without the rotations that any non-empty part lacks; covariances are NaN where unknown.
+        """
         parts = [part for part in parts if len(part)] or list(parts[:1])
         if len(parts) == 1:
             return parts[0]
-        columns = ([getattr(part, name) for part in parts] for name in COLUMNS)
-        joined: list[Any] = [
-            None if any(c is None for c in column) else np.concatenate(column)
-            for column in columns
-        ]
-        return cls(*joined)
+        rotations: list[Any] = [part.rotations for part in parts]
+        covariances: list[Any] = [part.covariances for part in parts]
+        known = any(column is not None for column in covariances)
+        return cls(
+            np.concatenate([part.stamps_ns for part in parts]),
+            np.concatenate([part.positions for part in parts]),
+            None if any(column is None for column in rotations) else np.concatenate(rotations),
+            np.concatenate([part.covariances_or_nan() for part in parts]) if known else None,
+        )
+
+    def covariances_or_nan(self) -> np.ndarray:
+        """Return the (N, 2, 3, 3) covariances, NaN where the source has none."""
+        if self.covariances is not None:
+            return self.covariances
+        return np.full((len(self), 2, 3, 3), np.nan)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +117,8 @@ class Pairs:
     Associated poses: row k of all columns belongs together.
 
     :param estimate: N poses; stamps include the configured time offset.
-    :param ground_truth: N poses; where they were interpolated, at the estimate's stamps.
+    :param ground_truth: N poses; where they were interpolated, at the estimate's stamps. Its
+        covariances are not kept.
     :param turns: (N, 4) quaternions of A = R_g R_eᵀ, from the estimated to the true orientation;
         None where either is unknown.
     """
@@ -115,6 +130,7 @@ class Pairs:
     @classmethod
     def of(cls, estimate: Trajectory, ground_truth: Trajectory) -> Pairs:
         """Return the pairs of N estimated and N true poses."""
+        ground_truth = replace(ground_truth, covariances=None)
         if estimate.rotations is None or ground_truth.rotations is None:
             return cls(estimate, ground_truth, None)
         return cls(
@@ -142,23 +158,29 @@ class Pairs:
 
 
 class PairLog:
-    """All pairs of a run, appended in batches; reading them copies nothing."""
+    """
+    The pairs of a run, appended in batches; reading them copies nothing.
+
+    All are kept until :meth:`thin` is called. ``count`` pairs were appended; of those from
+    ``first_of_all`` on none is missing.
+    """
 
     def __init__(self) -> None:
-        self._count = 0
+        self.count = 0
+        self.first_of_all = 0
+        self._kept = 0
+        self._stride = 1
         self._pairs = Pairs.empty()
 
     def __deepcopy__(self, memo: dict[int, Any]) -> PairLog:
         """Return a log that shares its rows with this one, until this one is appended to."""
-        other = PairLog()
-        other._count, other._pairs = self._count, self._pairs
-        return other
+        return copy.copy(self)
 
     def append(self, pairs: Pairs) -> None:
-        """Add pairs at the end; a column that they lack is lost for all."""
+        """Add pairs at the end; rotations that they lack are lost for all."""
         if not len(pairs):
             return
-        if self._count:
+        if self._kept:
             self._pairs = Pairs(
                 self._longer(self._pairs.estimate, pairs.estimate),
                 self._longer(self._pairs.ground_truth, pairs.ground_truth),
@@ -166,29 +188,73 @@ class PairLog:
             )
         else:
             self._pairs = pairs
-        self._count += len(pairs)
+        self._kept += len(pairs)
+        self.count += len(pairs)
+
+    @property
+    def dropped(self) -> int:
+        """How many pairs are not kept any more."""
+        return self.count - self._kept
+
+    def all(self) -> Pairs:
+        """Return all pairs that are kept."""
+        return self._pairs[: self._kept]
+
+    def evenly(self) -> Pairs:
+        """Return those of the pairs kept that are spread evenly over the run."""
+        if self._stride == 1:
+            return self.all()
+        old = self.first_of_all - self.dropped
+        newest = np.arange(self.first_of_all, self.count)
+        even = np.flatnonzero(newest % self._stride == 0) + old
+        return self.all()[np.concatenate([np.arange(old), even])]
+
+    def since(self, index: int) -> Pairs:
+        """Return the pairs from this one on, counted over the run, as far as none is missing."""
+        return self._pairs[max(index, self.first_of_all) - self.dropped : self._kept]
+
+    def thin(self, limit: int) -> None:
+        """
+        Keep no more pairs than a limit.
+
+        Where there are more, the newest half of what it allows stays as it is, and of the others
+        every so manieth, evenly over the run and the first of all among them.
+        """
+        if self._kept <= limit:
+            return
+        old = self.first_of_all - self.dropped
+        index = np.concatenate(
+            [self._stride * np.arange(old), np.arange(self.first_of_all, self.count)]
+        )
+        self.first_of_all = self.count - limit // 2
+        while self.first_of_all // self._stride >= limit // 4:
+            self._stride *= 2
+        keep = (index >= self.first_of_all) | (index % self._stride == 0)
+        self._pairs = self.all()[keep]
+        self._kept = len(self._pairs)
 
     def _longer(self, trajectory: Trajectory, new: Trajectory) -> Trajectory:
-        columns: list[Any] = [
-            self._grown(getattr(trajectory, name), getattr(new, name)) for name in COLUMNS
-        ]
-        return Trajectory(*columns)
+        covariances = trajectory.covariances
+        if covariances is None and new.covariances is not None:
+            covariances = trajectory.covariances_or_nan()
+        return Trajectory(
+            self._grown(trajectory.stamps_ns, new.stamps_ns),
+            self._grown(trajectory.positions, new.positions),
+            self._grown(trajectory.rotations, new.rotations),
+            None if covariances is None else self._grown(covariances, new.covariances_or_nan()),
+        )
 
-    def _grown(self, column: np.ndarray | None, new: np.ndarray | None) -> np.ndarray | None:
+    def _grown(self, column: Any, new: np.ndarray | None) -> Any:
         """Return the column with the new rows, in a buffer that doubles when it is full."""
         if column is None or new is None:
             return None
-        end = self._count + len(new)
+        end = self._kept + len(new)
         if end > len(column):
             bigger = np.empty((max(end, 2 * len(column)), *column.shape[1:]), column.dtype)
-            bigger[: self._count] = column[: self._count]
+            bigger[: self._kept] = column[: self._kept]
             column = bigger
-        column[self._count : end] = new
+        column[self._kept : end] = new
         return column
-
-    def all(self) -> Pairs:
-        """Return all pairs so far."""
-        return self._pairs[: self._count]
 
 
 @dataclass
@@ -199,7 +265,7 @@ class Cleaning:
     Poses that ``went_backwards`` (stamps behind an earlier one, sorted into place) and those with
     a ``scaled_quaternion`` (normalised, though far from unit length) were kept, all others
     dropped; ``late`` ones arrived after their pairing was decided, ``cropped`` ones lie outside
-    ``start_s`` to ``end_s``.
+    ``start_s`` to ``end_s``, ``overflow`` ones waited for the other stream in vain.
     """
 
     non_finite: int = 0
@@ -208,6 +274,7 @@ class Cleaning:
     duplicate: int = 0
     late: int = 0
     cropped: int = 0
+    overflow: int = 0
     went_backwards: int = 0
     scaled_quaternion: int = 0
 

@@ -103,7 +103,9 @@ class Evaluator(Node):
     def _begin(self) -> None:
         self.run_number += 1
         names = tuple(self.resolve_topic_name(name) for name in ('estimate', 'ground_truth'))
-        self.run = LiveRun(self.config, self.gates, names, self._truth)
+        self.run = LiveRun(
+            self.config, self.gates, names, self._truth, self.settings.max_pairs
+        )
         self.values, self.window = {}, {}
 
     def _discover(self) -> None:
@@ -139,20 +141,23 @@ class Evaluator(Node):
     def take_in(self) -> None:
         """Hand the poses that have arrived to the run; split it where a stream jumps back."""
         self._drain()
-        for stream, add in (
-            (self.estimate, 'add_estimate'),
-            (self.ground_truth, 'add_ground_truth'),
-        ):
-            poses = stream.decode() if stream else None
-            if stream is None or poses is None or not len(poses):
+        for stream in self.streams:
+            poses = stream.decode()
+            if poses is None or not len(poses):
                 continue
             start = jumped_back(poses.stamps_ns, stream.newest_ns)
             if start is not None:
-                getattr(self.run.series, add)(poses[:start], False)
+                self._add(stream, poses[:start])
                 poses = poses[start:]
                 self._next_run(f'{stream.name} jumped back in time')
             stream.newest_ns = max(stream.newest_ns, int(poses.stamps_ns.max()))
-            getattr(self.run.series, add)(self._of_this_run(stream, poses), False)
+            self._add(stream, self._of_this_run(stream, poses))
+
+    def _add(self, stream: Stream, poses: Poses) -> None:
+        if stream is self.estimate:
+            self.run.add_estimate(poses, stream.path)
+        else:
+            self.run.add_ground_truth(poses)
 
     def _of_this_run(self, stream: Stream, poses: Poses) -> Poses:
         """Return the poses without those that are left over from before a jump back."""

@@ -6,6 +6,7 @@ Knows nothing of ROS: the node moves poses in and results out.
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Iterator, Sequence
 import copy
 from dataclasses import replace
@@ -16,8 +17,9 @@ import numpy as np
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation, RunningSeries
 from vio_eval_ros.core.gates import Gate, judge
-from vio_eval_ros.core.trajectory import Trajectory
-from vio_eval_ros.errors import WriteError
+from vio_eval_ros.core.trajectory import Poses, Trajectory
+from vio_eval_ros.errors import ReadError, WriteError
+from vio_eval_ros.recordings.messages import PathRevisions
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.reports import REPORTS, write
 from vio_eval_ros.reports.result import Input, Result
@@ -35,6 +37,7 @@ class LiveRun:
 
     :param names: what the estimate and the ground truth are called in the result.
     :param truth: the ground truth, where it comes from a file.
+    :param max_pairs: how many pairs are kept, see :class:`Evaluation`.
     """
 
     def __init__(
@@ -43,27 +46,48 @@ class LiveRun:
         gates: Sequence[Gate],
         names: tuple[str, str],
         truth: Source | None = None,
+        max_pairs: int | None = None,
     ) -> None:
         self.config = config
-        self.series = RunningSeries(config)
-        self.rows: list[tuple[int, dict[str, float]]] = []
+        self._series = RunningSeries(config, max_pairs)
+        self._rows = Rows()
         self._gates = gates
         self._names = names
         self._truth = truth
         self._seen = 0
         self._jump: tuple[int, float] | None = None
+        self._revisions: PathRevisions | None = None
+        # needed once more for an estimate that is revised; None when it is known not to be
+        self._true_poses: list[Poses] | None = []
         if truth is not None:
-            self.series.add_ground_truth(truth.poses, truth.zero_stamps)
+            self._series.add_ground_truth(truth.poses, truth.zero_stamps)
+
+    def add_estimate(self, poses: Poses, revisions: PathRevisions | None = None) -> None:
+        """
+        Add a batch of estimated poses.
+
+        :param revisions: of a Path, of which ``poses`` are those that it had not had before.
+        """
+        self._series.add_estimate(poses, zero_stamps=False)
+        self._revisions = revisions
+        if revisions is None:
+            self._true_poses = None
+
+    def add_ground_truth(self, poses: Poses) -> None:
+        """Add a batch of true poses."""
+        self._series.add_ground_truth(poses, zero_stamps=False)
+        if self._true_poses is not None:
+            self._true_poses.append(poses)
 
     @property
     def evaluation(self) -> Evaluation:
         """The evaluation behind the series."""
-        return self.series.evaluation
+        return self._series.evaluation
 
     @property
     def jump(self) -> tuple[int, float] | None:
         """The stamp [ns] and size [m] of the largest sudden jump of the estimate, if any."""
-        pairs = self.evaluation.aligned()[0][self._seen :]
+        pairs = self.evaluation.since(self._seen)
         if len(pairs) > 1:
             self._seen += len(pairs) - 1
             off = np.abs(strides(pairs.estimate) - strides(pairs.ground_truth))
@@ -74,7 +98,7 @@ class LiveRun:
 
     def estimate_path_m(self, seconds: float) -> float:
         """Return how far the estimate moved in the last seconds, in its own metres."""
-        estimate = self.evaluation.aligned()[0].estimate
+        estimate = self.evaluation.since(0).estimate
         if not len(estimate):
             return 0.0
         begin = estimate.stamps_ns[-1] - round(seconds * 1e9)
@@ -82,12 +106,12 @@ class LiveRun:
 
     def waiting_for(self) -> str:
         """Return why there are no values yet, with the spans of what has arrived."""
-        return self.series.waiting_for()
+        return self._series.waiting_for()
 
     def advance(self) -> Iterator[tuple[int, dict[str, float]]]:
         """Yield stamp and running values of each second that is over, and remember them."""
-        for row in self.series.rows():
-            self.rows.append(row)
+        for row in self._series.rows():
+            self._rows.append(row)
             yield row
 
     def result(self) -> Result:
@@ -117,12 +141,19 @@ class LiveRun:
                 write(folder / name, tum(trajectory))
         return result
 
-    def _ended(self) -> tuple[Result, list[tuple[int, dict[str, float]]]]:
-        # the copy shares the pairs so far, and may be brought to an end without ending the run
-        series = copy.deepcopy(self.series)
-        rows = [*self.rows, *series.rest()]
-        evaluation = series.evaluation
+    def _ended(self) -> tuple[Result, Rows]:
+        # the copies share the pairs so far, and may be brought to an end without ending the run
+        series, rows = copy.deepcopy(self._series), copy.deepcopy(self._rows)
+        for row in series.rest():
+            rows.append(row)
+        evaluation, trouble = series.evaluation, ''
+        if self._revisions is not None:
+            try:
+                evaluation = self._revised(evaluation, self._revisions)
+            except ReadError as error:
+                trouble = str(error)
         summary = evaluation.summary()
+        summary.warnings.extend([trouble] * bool(trouble))
         streams = evaluation.associator
         estimate = Input(
             self._names[0], 'topic', None, streams.estimate, self.config.time_offset_s
@@ -132,6 +163,42 @@ class LiveRun:
             truth = replace(truth, source=self._truth.spec, kind=self._truth.kind)
         verdicts = judge(self._gates, summary.metrics)
         return Result(estimate, truth, self.config, summary, verdicts), rows
+
+    def _revised(self, causal: Evaluation, revisions: PathRevisions) -> Evaluation:
+        """Return the evaluation of the estimate as last revised."""
+        final = Evaluation(self.config)
+        if self._truth is not None:
+            final.add_ground_truth(self._truth.poses, self._truth.zero_stamps)
+        for poses in self._true_poses or ():
+            final.add_ground_truth(poses, zero_stamps=False)
+        final.add_estimate(revisions.final(), zero_stamps=False)
+        final.flush()
+        final.causal = causal
+        return final
+
+
+class Rows:
+    """Rows of a series, kept as bare numbers: in dicts they would outweigh the pairs."""
+
+    def __init__(self) -> None:
+        self._stamps_ns = array('q')
+        self._values = array('d')
+        self._kinds: dict[str, type] = {}
+
+    def append(self, row: tuple[int, dict[str, float]]) -> None:
+        """Add a row; all have the same names."""
+        stamp_ns, values = row
+        self._kinds = self._kinds or {name: type(value) for name, value in values.items()}
+        self._stamps_ns.append(stamp_ns)
+        self._values.extend(values.values())
+
+    def __iter__(self) -> Iterator[tuple[int, dict[str, float]]]:
+        """Yield stamp and values of each row."""
+        width = len(self._kinds)
+        for k, stamp_ns in enumerate(self._stamps_ns):
+            values = self._values[k * width : (k + 1) * width]
+            kinds = zip(self._kinds.items(), values, strict=True)
+            yield stamp_ns, {name: kind(value) for (name, kind), value in kinds}
 
 
 def jumped_back(stamps_ns: np.ndarray, newest_ns: int) -> int | None:

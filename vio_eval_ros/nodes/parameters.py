@@ -35,6 +35,11 @@ class NodeConfig(Options):
     stale_after_s: float = option(
         2.0, 'a stream that says nothing for longer is stale', minimum=0.0
     )
+    max_pairs: int = option(
+        1_000_000,
+        'how many pairs are kept; of more, rmse stay exact and the rest is of a part',
+        minimum=1000,
+    )
     exit_code_from_gates: bool = option(
         False, 'exit with status 1 where a gate of the last run failed'
     )

@@ -6,7 +6,6 @@ import importlib
 import time
 from typing import Any
 
-import numpy as np
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
@@ -130,11 +129,11 @@ class Stream:
         self.newest_ns = BEFORE_ALL
         self.path = None
 
-    def _of_paths(self, raw: list[bytes]) -> Poses | None:
-        """Return the poses as first published; their revisions are kept for the end."""
+    def _of_paths(self, raw: list[bytes]) -> Poses:
+        """Return the poses as first published; ``path`` knows how they were revised since."""
         if self.path is None:
-            self.path = PathRevisions('final', self.topic)
-        parts = []
+            self.path = PathRevisions(self.topic)
+        new = []
         for message in raw:
             columns = cdr.decode_path(message, ros1=False)
             revision = (
@@ -142,14 +141,8 @@ class Stream:
                 if columns is not None
                 else collect(PATH, [deserialize_message(message, self._class)])
             )
-            if len(revision):
-                self.path.add(revision)
-                parts.append(revision)
-        if not parts:
-            return None
-        joined = Poses.concatenate(parts)
-        first = np.sort(np.unique(joined.stamps_ns, return_index=True)[1])
-        return joined[first][joined.stamps_ns[first] > self.newest_ns]
+            new.append(self.path.add(revision))
+        return Poses.concatenate(new)
 
     def _subscribe(self) -> None:
         if self.msgtype not in CONVERTERS:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rosbags.typesys.store import Typestore
@@ -51,6 +51,18 @@ class Topic:
     def has_pose(self) -> bool:
         """Whether each message can be scored as it is; one of a TF topic needs two frames."""
         return self.msgtype in CONVERTERS
+
+
+class Read(NamedTuple):
+    """
+    What was read of a topic or transform.
+
+    :param poses: as last revised, where the topic revises them.
+    :param causal: as first published; None of a topic that revises nothing.
+    """
+
+    poses: Poses
+    causal: Poses | None = None
 
 
 class Recording:
@@ -97,22 +109,18 @@ class Recording:
     ) -> None:
         self._stack.close()
 
-    def read(
-        self, specs: Sequence[str], progress: Progress = silent, revision: str = 'final'
-    ) -> list[Poses]:
+    def read(self, specs: Sequence[str], progress: Progress = silent) -> list[Read]:
         """
         Return the poses of topics and transforms, in one pass over the storage for all of them.
 
         :param specs: '/topic', or '/tf:PARENT.CHILD' for the motion of CHILD in PARENT, chained
             through the tree on that TF topic and the static one beside it.
         :param progress: wraps the iterable of messages given their number, as ``tqdm`` would.
-        :param revision: which pose of a Path counts, see
-            :class:`~vio_eval_ros.recordings.messages.PathRevisions`.
         :raises ReadError: unknown or empty topics, unknown frames, a damaged recording.
         :raises UnsupportedMessage: a topic whose messages carry no pose.
         """
         sinks: dict[str, list[Sink]] = defaultdict(list)
-        results: dict[str, Callable[[], Poses]] = {}
+        results: dict[str, Callable[[], Read]] = {}
         trees: dict[str, TransformTree] = {}
         for spec in dict.fromkeys(specs):
             name, colon, frames = spec.partition(':')
@@ -120,19 +128,19 @@ class Recording:
             if colon:
                 if name not in trees:
                     trees[name] = self._feed_tree(topic, sinks)
-                results[spec] = partial(trees[name].lookup, frames)
+                results[spec] = partial(_looked_up, trees[name], frames)
             else:
-                collector = _Collector(self._decoder(topic), revision)
+                collector = _Collector(self._decoder(topic))
                 sinks[name].append(collector.add)
-                results[spec] = collector.poses
+                results[spec] = collector.read
 
         self._feed(sinks, progress)
-        poses = {spec: result() for spec, result in results.items()}
-        for spec, found in poses.items():
-            if not len(found):
+        read = {spec: result() for spec, result in results.items()}
+        for spec, found in read.items():
+            if not len(found.poses):
                 raise ReadError(f'{self.path}:{spec}', 'there are no poses in its messages')
         self.warnings += [line for tree in trees.values() for line in tree.warnings]
-        return [poses[spec] for spec in specs]
+        return [read[spec] for spec in specs]
 
     def _feed(self, sinks: Mapping[str, Sequence[Sink]], progress: Progress) -> None:
         """Hand each message of some topics to the sinks of its topic."""
@@ -220,6 +228,10 @@ class Recording:
         return tree
 
 
+def _looked_up(tree: TransformTree, frames: str) -> Read:
+    return Read(tree.lookup(frames))
+
+
 class _Decoder:
     """Makes messages, or columns of numbers, of the raw bytes of one topic."""
 
@@ -262,9 +274,9 @@ class _Decoder:
 class _Collector:
     """The poses of one topic, decoded a block at a time: memory holds columns, not messages."""
 
-    def __init__(self, decoder: _Decoder, revision: str) -> None:
+    def __init__(self, decoder: _Decoder) -> None:
         self._decoder = decoder
-        self._path = PathRevisions(revision, decoder.source) if decoder.msgtype == PATH else None
+        self._path = PathRevisions(decoder.source) if decoder.msgtype == PATH else None
         self._block: list[bytes] = []
         self._bytes = 0
         self._columns: list[tuple[np.ndarray, np.ndarray]] = []
@@ -279,13 +291,13 @@ class _Collector:
         if self._bytes > BLOCK_BYTES:
             self._decode()
 
-    def poses(self) -> Poses:
+    def read(self) -> Read:
         """Return the poses of all messages."""
         if self._path:
-            return self._path.poses()
+            return Read(self._path.final(), self._path.causal())
         self._decode()
         stamps, numbers = zip(*self._columns, strict=True)
-        return messages.poses(np.concatenate(stamps), np.concatenate(numbers))
+        return Read(messages.poses(np.concatenate(stamps), np.concatenate(numbers)))
 
     def _decode(self) -> None:
         if self._block:

@@ -69,18 +69,13 @@ CONVERTERS: dict[str, Callable[[Any], list[Row]]] = {
 }
 
 
-def collect(msgtype: str, messages: Iterable[Any], revision: str = 'final') -> Poses:
+def collect(msgtype: str, messages: Iterable[Any]) -> Poses:
     """
     Return the poses of messages of one type, in the order in which they arrived.
 
-    :param msgtype: a key of :data:`CONVERTERS`.
-    :param revision: which pose of a Path counts, see :class:`PathRevisions`.
+    :param msgtype: a key of :data:`CONVERTERS`; the poses of several Paths come one Path behind
+        the other, for :class:`PathRevisions` to make one trajectory of.
     """
-    if msgtype == PATH:
-        path = PathRevisions(revision)
-        for message in messages:
-            path.add(poses(*columns(from_path(message))))
-        return path.poses()
     convert = CONVERTERS[msgtype]
     return poses(*columns([row for message in messages for row in convert(message)]))
 
@@ -108,11 +103,17 @@ def poses(stamps_ns: np.ndarray, numbers: np.ndarray) -> Poses:
     return Poses(stamps_ns, numbers[:, :3].copy(), rotations, covariances)
 
 
-def _covariances(numbers: np.ndarray) -> np.ndarray:
-    """Return the (N, 2, 3, 3) position and orientation blocks of (N, 36) row-major matrices."""
+def _covariances(numbers: np.ndarray) -> np.ndarray | None:
+    """
+    Return the (N, 2, 3, 3) position and orientation blocks of (N, 36) row-major matrices.
+
+    None where none of them is usable: most publishers leave them zero.
+    """
     matrices = numbers.reshape(-1, 6, 6)
     variances = np.diagonal(matrices, axis1=1, axis2=2)
     usable = np.isfinite(numbers).all(axis=1) & numbers.any(axis=1) & (variances >= 0).all(axis=1)
+    if not usable.any():
+        return None
     blocks = np.stack([matrices[:, :3, :3], matrices[:, 3:, 3:]], axis=1)
     blocks[~usable] = np.nan
     return blocks
@@ -122,27 +123,27 @@ class PathRevisions:
     """
     One trajectory from the Path messages of a topic, each of which revises all of it.
 
-    Of the poses with the same stamp one remains: the latest published ('final', what the system
-    made of the run in the end) or the first ('causal', what it knew at that moment).
+    Of the poses with the same stamp one remains: the latest published (final, what the system made
+    of the run in the end), and the first (causal, what it knew at that moment).
 
     :param source: what an error names, the topic for example.
     """
 
-    def __init__(self, revision: str = 'final', source: str = PATH) -> None:
-        if revision not in ('final', 'causal'):
-            raise ValueError(f"revision is 'final' or 'causal', not {revision!r}")
-        self._final = revision == 'final'
+    def __init__(self, source: str = PATH) -> None:
         self._source = source
+        self._known_ns = np.empty(0, np.int64)
+        self._first: list[Poses] = [Trajectory.empty()]
         self._merged: Poses = Trajectory.empty()
         self._pending: list[Poses] = []
         self._pending_poses = 0
         self._longest = 0
         self._has_distinct_stamps = False
 
-    def add(self, revision: Poses) -> None:
-        """Take the poses of one more Path message."""
+    def add(self, revision: Poses) -> Poses:
+        """Take the poses of one more Path message; return those whose stamps are new, sorted."""
+        new = revision[:0]
         if not len(revision):
-            return
+            return new
         self._longest = max(self._longest, len(revision))
         self._has_distinct_stamps |= bool(np.ptp(revision.stamps_ns))
         self._pending.append(revision)
@@ -151,27 +152,43 @@ class PathRevisions:
         # trajectory, though every message repeats all of it.
         if self._pending_poses > 100_000 + 4 * len(self._merged):
             self._merge()
+        # np.unique finds the first of equal stamps
+        stamps_ns, first = np.unique(revision.stamps_ns, return_index=True)
+        is_new = ~np.isin(stamps_ns, self._known_ns, assume_unique=True)
+        if is_new.any():
+            new = revision[first[is_new]]
+            self._first.append(new)
+            self._known_ns = np.union1d(self._known_ns, new.stamps_ns)
+        return new
 
-    def poses(self) -> Poses:
+    def final(self) -> Poses:
         """
-        Return the trajectory so far, sorted by stamp.
+        Return the trajectory as last revised, sorted by stamp.
 
         :raises ReadError: where the poses of each message share one stamp, zero or another.
         """
+        self._check_stamps()
         self._merge()
-        unstamped = len(self._merged) and not self._merged.stamps_ns.any()
+        return self._merged
+
+    def causal(self) -> Poses:
+        """Return the trajectory as first published, sorted by stamp; raises as final does."""
+        self._check_stamps()
+        self._first = [Poses.concatenate(self._first)]
+        return self._first[0][np.argsort(self._first[0].stamps_ns)]
+
+    def _check_stamps(self) -> None:
+        unstamped = len(self._known_ns) and not self._known_ns.any()
         if unstamped or (self._longest > 1 and not self._has_distinct_stamps):
             raise ReadError(
                 self._source,
                 'the poses of its Path messages carry no stamps of their own; have the publisher '
                 'fill poses[].header.stamp, or score a topic of single poses',
             )
-        return self._merged
 
     def _merge(self) -> None:
         joined = Poses.concatenate([self._merged, *self._pending])
         self._pending, self._pending_poses = [], 0
-        # np.unique finds the first of equal stamps
-        stamps = joined.stamps_ns[::-1] if self._final else joined.stamps_ns
-        kept = np.unique(stamps, return_index=True)[1]
-        self._merged = joined[len(stamps) - 1 - kept if self._final else kept]
+        # of the reversed the first of equal stamps, so the last
+        last = len(joined) - 1 - np.unique(joined.stamps_ns[::-1], return_index=True)[1]
+        self._merged = joined[last]

@@ -16,7 +16,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 import re
-from typing import NamedTuple
+from typing import NamedTuple, TYPE_CHECKING
 from urllib.parse import parse_qsl
 
 import numpy as np
@@ -27,6 +27,9 @@ from vio_eval_ros.core.trajectory import MIN_QUATERNION_NORM, Poses
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.text import read_text, STAMP_UNITS, TextFile
+
+if TYPE_CHECKING:
+    from vio_eval_ros.recordings.bags import Read, Recording
 
 RECORDING_SUFFIXES = ('.bag', '.db3', '.mcap')
 PARALLEL_BYTES = 1 << 24
@@ -104,6 +107,7 @@ class Source:
     :param paths: the files that hold them, in order.
     :param zero_stamps: False where a stamp of 0 means that there was no clock yet.
     :param warnings: what was taken for granted, in sentences.
+    :param causal: the same poses as first published, where a Path revised them since.
     """
 
     spec: str
@@ -112,6 +116,7 @@ class Source:
     poses: Poses
     zero_stamps: bool
     warnings: tuple[str, ...] = ()
+    causal: Poses | None = None
 
 
 def read_sources(
@@ -128,23 +133,10 @@ def read_sources(
     """
     parsed = [_located(spec, recording) for spec in specs]
     found: dict[int, Source] = {}
-    recordings = dict.fromkeys(
-        (spec.path, spec.statements.get('revision', 'final')) for spec in parsed if spec.topic
-    )
-    for path, revision in recordings:
-        wanted = [
-            k
-            for k, spec in enumerate(parsed)
-            if spec.topic
-            and (spec.path, spec.statements.get('revision', 'final')) == (path, revision)
-        ]
-        found |= zip(
-            wanted,
-            _from_recording(
-                path, [specs[k] for k in wanted], [parsed[k] for k in wanted], revision, progress
-            ),
-            strict=True,
-        )
+    for path in dict.fromkeys(spec.path for spec in parsed if spec.topic):
+        wanted = [k for k, spec in enumerate(parsed) if spec.topic and spec.path == path]
+        texts, chosen = [specs[k] for k in wanted], [parsed[k] for k in wanted]
+        found |= zip(wanted, _from_recording(path, texts, chosen, progress), strict=True)
     files = [k for k in range(len(specs)) if k not in found]
     jobs = [(specs[k], parsed[k], times) for k in files]
     found |= zip(files, _from_texts(jobs, progress), strict=True)
@@ -203,19 +195,31 @@ def _from_recording(
     path: Path | None,
     texts: Sequence[str],
     specs: Sequence[Spec],
-    revision: str,
     progress: Progress,
 ) -> list[Source]:
     from vio_eval_ros.recordings.bags import Recording
 
     assert path is not None
     with Recording(path) as opened:
-        poses = opened.read([str(spec.topic) for spec in specs], progress, revision)
-        notes = tuple(opened.warnings)
-        return [
-            Source(text, opened.kind, opened.paths, _as_stated(columns, spec), False, notes)
-            for text, spec, columns in zip(texts, specs, poses, strict=True)
-        ]
+        read = opened.read([str(spec.topic) for spec in specs], progress)
+        return [_of_topic(opened, *each) for each in zip(texts, specs, read, strict=True)]
+
+
+def _of_topic(recording: Recording, text: str, spec: Spec, read: Read) -> Source:
+    poses, causal = read
+    if 'revision' in spec.statements:
+        if causal is None:
+            raise ConfigError(f'{text}: only a Path has revisions')
+        poses, causal = causal if spec.statements['revision'] == 'causal' else poses, None
+    return Source(
+        text,
+        recording.kind,
+        recording.paths,
+        _as_stated(poses, spec),
+        False,
+        tuple(recording.warnings),
+        None if causal is None else _as_stated(causal, spec),
+    )
 
 
 def _from_texts(jobs: Sequence[tuple[str, Spec, Path | None]], progress: Progress) -> list[Source]:

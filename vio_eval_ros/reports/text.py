@@ -44,6 +44,7 @@ def text_report(result: Result) -> str:
     lines += [
         '',
         f'ATE [m] by alignment: {usual} (scale {number(metrics["sim3_scale"])})',
+        *_revisions(metrics),
         *_drift(metrics),
     ]
     lines += [f'warning: {warning}' for warning in summary.warnings]
@@ -74,6 +75,15 @@ def rows(result: Result) -> Iterator[tuple[str, list[float]]]:
             unit = RPE_KINDS[kind]
             label = f'RPE {delta} {RPE_LABELS[kind]} [{unit}]'
             yield label, statistics(f'rpe_{delta}_{kind}', unit)
+
+
+def _revisions(metrics: Mapping[str, float]) -> Iterator[str]:
+    if not math.isnan(metrics['loop_closure_gain']):
+        yield (
+            f'as first published: ATE {number(metrics["ate_causal_trans_rmse_m"])} m, '
+            f'{number(metrics["ate_causal_rot_rmse_deg"])} deg; as revised since '
+            f'{number(metrics["loop_closure_gain"])} times that (loop-closure gain)'
+        )
 
 
 def _drift(metrics: Mapping[str, float]) -> Iterator[str]:
