@@ -124,6 +124,30 @@ def test_nav2_odometry_is_its_transform_and_drifts_against_the_map(shared_data):
     assert 'left out 28 of 2639 poses' in drift['warnings'][0]
 
 
+def test_a_path_is_scored_as_last_revised_and_as_first_published(revising_recording, tmp_path):
+    whole = result(revising_recording, '--series', f'csv:{tmp_path}/series.csv')['metrics']
+    first, last = (
+        result(revising_recording, '--estimate', f'/slam/path?revision={revision}')['metrics']
+        for revision in ('causal', 'final')
+    )
+    assert whole['ate_trans_rmse_m'] == last['ate_trans_rmse_m'] < first['ate_trans_rmse_m']
+    assert whole['ate_causal_trans_rmse_m'] == first['ate_trans_rmse_m']
+    assert whole['ate_causal_rot_rmse_deg'] == first['ate_rot_rmse_deg']
+    gain = last['ate_trans_rmse_m'] / first['ate_trans_rmse_m']
+    assert whole['loop_closure_gain'] == pytest.approx(gain, rel=1e-9)
+    assert first['loop_closure_gain'] is None
+    *_, row = csv.DictReader((tmp_path / 'series.csv').read_text().splitlines())
+    assert float(row['ate_trans_rmse_m']) == first['ate_trans_rmse_m']
+    assert 'loop-closure gain' in replay(revising_recording).stdout
+    assert replay(revising_recording, '--gate', 'loop_closure_gain<=0.1').returncode == 1
+
+
+def test_only_a_path_has_revisions():
+    assert 'only a Path has revisions' in complaint(
+        DEMO, '--estimate', '/vio/odometry?revision=causal'
+    )
+
+
 def test_gates_decide_the_exit_status(flight):
     assert replay(*pair(flight), '--gate', 'ate_trans_rmse_m<=1').returncode == 0
     failed = replay(*pair(flight), '--gate', 'ate_trans_rmse_m<=1e-6')
