@@ -1,5 +1,6 @@
 """What the tests share: where the real recordings are, and a made-up one of a Path."""
 
+from collections.abc import Iterable
 from dataclasses import replace
 from operator import itemgetter
 import os
@@ -27,6 +28,45 @@ def shared_data() -> Path:
     pytest.skip(f'no real recordings at {folder}')
 
 
+STORE = get_typestore(Stores.ROS2_JAZZY)
+
+
+def stamped(cls: str, stamp_ns: int, *content: Any) -> Any:
+    """Return a message that begins with a header."""
+    time = STORE.types['builtin_interfaces/msg/Time'](*divmod(stamp_ns, 10**9))
+    return STORE.types[cls](STORE.types['std_msgs/msg/Header'](time, 'map'), *content)
+
+
+def poses(trajectory: Trajectory) -> list[Any]:
+    """Return a PoseStamped for each pose."""
+    geometry = 'geometry_msgs/msg/'
+    point, quaternion, pose = (
+        STORE.types[geometry + name] for name in ('Point', 'Quaternion', 'Pose')
+    )
+    columns = trajectory.stamps_ns.tolist(), trajectory.positions, trajectory.rotations
+    return [
+        stamped(f'{geometry}PoseStamped', stamp_ns, pose(point(*p), quaternion(*q)))
+        for stamp_ns, p, q in zip(*columns, strict=True)
+    ]
+
+
+def record(folder: Path, messages: Iterable[tuple[str, Any]]) -> Path:
+    """Write messages, each received at its stamp, as a rosbag2."""
+    received = sorted(
+        ((m.header.stamp.sec * 10**9 + m.header.stamp.nanosec, topic, m) for topic, m in messages),
+        key=itemgetter(0),
+    )
+    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connections = {
+            topic: writer.add_connection(topic, msgtype, typestore=STORE)
+            for topic, msgtype in {topic: m.__msgtype__ for _, topic, m in received}.items()
+        }
+        for received_ns, topic, message in received:
+            raw = STORE.serialize_cdr(message, message.__msgtype__)
+            writer.write(connections[topic], received_ns, raw)
+    return folder
+
+
 @pytest.fixture(scope='session')
 def revising_recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """
@@ -35,45 +75,30 @@ def revising_recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     Each message on ``/slam/path`` takes back half of the drift of those before, as a loop closure
     does; ``/ground_truth/pose`` beside it has 200 poses a second.
     """
-    store = get_typestore(Stores.ROS2_JAZZY)
     flight = simulate(duration_s=15.0)
-    types = store.types
-    time, header = types['builtin_interfaces/msg/Time'], types['std_msgs/msg/Header']
-
-    def stamped(stamp_ns: int, position: np.ndarray, rotation: np.ndarray) -> Any:
-        pose = types['geometry_msgs/msg/Pose'](
-            types['geometry_msgs/msg/Point'](*position),
-            types['geometry_msgs/msg/Quaternion'](*rotation),
-        )
-        head = header(time(*divmod(stamp_ns, 10**9)), 'map')
-        return types['geometry_msgs/msg/PoseStamped'](head, pose)
-
-    def poses(trajectory: Trajectory) -> list[Any]:
-        columns = trajectory.stamps_ns.tolist(), trajectory.positions, trajectory.rotations
-        return [stamped(*row) for row in zip(*columns, strict=True)]
-
-    messages = [
-        (pose.header.stamp.sec * 10**9 + pose.header.stamp.nanosec, '/ground_truth/pose', pose)
-        for pose in poses(flight.ground_truth)
-    ]
+    messages = [('/ground_truth/pose', pose) for pose in poses(flight.ground_truth)]
     estimate, drift = flight.estimate, np.linspace(0, 1, len(flight.estimate)) ** 2
     for end in range(10, len(estimate) + 1, 10):
         positions = estimate.positions[:end].copy()
         positions[-10:, 2] += 2 * drift[end - 10 : end]
         positions[:-10, 2] += drift[: end - 10]
         path = poses(replace(estimate[:end], positions=positions))
-        message = types['nav_msgs/msg/Path'](path[-1].header, path)
-        messages.append((int(estimate.stamps_ns[end - 1]), '/slam/path', message))
-    folder = tmp_path_factory.mktemp('slam') / 'recording'
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connections = {
-            topic: writer.add_connection(topic, message.__msgtype__, typestore=store)
-            for topic, message in {topic: message for _, topic, message in messages}.items()
-        }
-        for received_ns, topic, message in sorted(messages, key=itemgetter(0)):
-            raw = store.serialize_cdr(message, message.__msgtype__)
-            writer.write(connections[topic], received_ns, raw)
-    return folder
+        stamp_ns = int(estimate.stamps_ns[end - 1])
+        messages.append(('/slam/path', stamped('nav_msgs/msg/Path', stamp_ns, path)))
+    return record(tmp_path_factory.mktemp('slam') / 'recording', messages)
+
+
+@pytest.fixture(scope='session')
+def leica_recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a rosbag2 with poses on ``/vio/pose`` and positions on ``/leica/position``."""
+    flight, point = simulate(duration_s=15.0), STORE.types['geometry_msgs/msg/Point']
+    messages = [('/vio/pose', pose) for pose in poses(flight.estimate)]
+    truth = flight.ground_truth[::10]
+    messages += [
+        ('/leica/position', stamped('geometry_msgs/msg/PointStamped', stamp_ns, point(*p)))
+        for stamp_ns, p in zip(truth.stamps_ns.tolist(), truth.positions, strict=True)
+    ]
+    return record(tmp_path_factory.mktemp('leica') / 'recording', messages)
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+import csv
 import json
 import os
 from pathlib import Path
@@ -9,6 +10,7 @@ import random
 import signal
 import subprocess
 import sys
+import time
 
 import pytest
 
@@ -17,7 +19,9 @@ pytest.importorskip('rclpy', reason='needs ROS 2: pip install ".[ros]"')
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / 'demo' / 'simulated_flight'
 V1_02 = 'derived_bags/euroc_V1_02_vins_fusion'
+TRUTH_CSV = 'gt_euroc/vins_mono_asl_csv/V1_02_medium/data.csv'
 TOPICS = ('-r', 'estimate:=/vio/odometry', '-r', 'ground_truth:=/ground_truth/pose')
+TOPICS_PLAYED = ('/vio/odometry', '/ground_truth/pose')
 LIMIT_S = 60
 
 
@@ -39,7 +43,7 @@ def verb(name: str, *arguments: object) -> list[str]:
 def evaluator(environment, *arguments: object) -> Iterator[subprocess.Popen]:
     """Start the node; end it as Ctrl-C does."""
     process = subprocess.Popen(
-        verb('evaluator', '--ros-args', *TOPICS, *arguments),
+        verb('evaluator', '--ros-args', *arguments, *TOPICS),
         env=environment,
         stdout=subprocess.PIPE,
         stderr=subprocess.STDOUT,
@@ -81,26 +85,109 @@ def replayed(environment, *arguments: object) -> dict:
     return json.loads(done.stdout)
 
 
-@pytest.mark.parametrize('recording', ['demo', '.bag', '_sqlite3', '_mcap'])
-def test_live_is_replay_to_the_last_bit(environment, tmp_path, request, recording):
-    path = DEMO
-    if recording != 'demo':
-        path = request.getfixturevalue('shared_data') / f'{V1_02}{recording}'
-    reliable = [
+def reliable(*topics: str) -> list[str]:
+    return [
         word
-        for topic in ('/vio/odometry', '/ground_truth/pose')
+        for topic in topics
         for word in ('-p', f'qos_overrides.{topic}.subscription.reliability:=reliable')
     ]
-    with evaluator(environment, '-p', f'report_dir:={tmp_path}', *reliable):
-        play(environment, path, '--topics', '/vio/odometry', '/ground_truth/pose')
-    live = json.loads((tmp_path / 'result.json').read_text())
-    offline = replayed(environment, path)
+
+
+def assert_same(live: Path, offline: Path) -> None:
+    """Check that the reports in two folders are of the same numbers."""
+    results = [json.loads((folder / 'result.json').read_text()) for folder in (live, offline)]
     for part in ('metrics', 'association', 'alignment'):
-        assert live[part] == offline[part]
-    series = (tmp_path / 'series.csv').read_text()
-    replayed(environment, path, '--series', f'csv:{tmp_path}/offline.csv')
-    assert series.splitlines()[0] == (tmp_path / 'offline.csv').read_text().splitlines()[0]
-    assert series.splitlines()[-1] == (tmp_path / 'offline.csv').read_text().splitlines()[-1]
+        assert results[0][part] == results[1][part]
+    for side in ('estimate', 'ground_truth'):
+        one, other = (result['inputs'][side] for result in results)
+        assert {**one, 'source': 0, 'kind': 0, 'sha256': 0} == {
+            **other, 'source': 0, 'kind': 0, 'sha256': 0
+        }  # fmt: skip
+    assert results[0]['association']['pairs'] > 100
+    rows = [
+        list(csv.DictReader((folder / 'series.csv').read_text().splitlines()))
+        for folder in (live, offline)
+    ]
+    assert len(rows[0]) == len(rows[1]) > 10
+    for one, other in zip(*rows, strict=True):
+        assert one.pop('stamp_ns') == other.pop('stamp_ns')
+        values = [{name: float(row[name] or 'nan') for name in row} for row in (one, other)]
+        assert values[0] == pytest.approx(values[1], rel=1e-9, nan_ok=True)
+
+
+def replay_into(folder: Path, environment, *arguments: object) -> None:
+    folder.mkdir()
+    report = ('--report', f'json:{folder}/result.json', '--series', f'csv:{folder}/series.csv')
+    replayed(environment, *arguments, *report)
+
+
+def compare(environment, tmp_path, recording, live=(), offline=(), topics=TOPICS_PLAYED) -> None:
+    """Play into the evaluator, replay the same, and compare."""
+    options = ('-p', f'report_dir:={tmp_path}/live', *reliable(*topics), *live)
+    with evaluator(environment, *options):
+        play(environment, recording, '--topics', *topics)
+    replay_into(tmp_path / 'offline', environment, recording, *offline)
+    assert_same(tmp_path / 'live', tmp_path / 'offline')
+
+
+@pytest.mark.parametrize('kind', ['.bag', '_sqlite3', '_mcap'])
+def test_live_is_replay_to_the_last_bit(environment, tmp_path, shared_data, kind):
+    compare(environment, tmp_path, shared_data / f'{V1_02}{kind}')
+
+
+def test_live_is_replay_of_the_demo(environment, tmp_path):
+    compare(environment, tmp_path, DEMO)
+
+
+def test_live_is_replay_with_the_ground_truth_in_a_file(environment, tmp_path, shared_data):
+    file = shared_data / TRUTH_CSV
+    compare(
+        environment,
+        tmp_path,
+        shared_data / f'{V1_02}.bag',
+        live=('-p', f'ground_truth_file:={file}'),
+        offline=('--estimate', '/vio/odometry', '--ground-truth', file),
+        topics=('/vio/odometry',),
+    )
+
+
+def test_live_is_replay_with_a_truth_of_positions_only(environment, tmp_path, leica_recording):
+    topics = ('/vio/pose', '/leica/position')
+    remap = ('-r', 'estimate:=/vio/pose', '-r', 'ground_truth:=/leica/position')
+    live, offline = ('-p', 'alignment:=posyaw'), ('--alignment', 'posyaw')
+    compare(environment, tmp_path, leica_recording, (*remap, *live), offline, topics)
+    result = json.loads((tmp_path / 'live' / 'result.json').read_text())
+    assert result['inputs']['ground_truth']['position_only']
+    assert result['metrics']['ate_rot_rmse_deg'] is None
+
+
+def test_live_is_replay_of_a_path_that_is_revised(environment, tmp_path, revising_recording):
+    topics = ('/slam/path', '/ground_truth/pose')
+    options = ('-r', 'estimate:=/slam/path')
+    compare(environment, tmp_path, revising_recording, options, topics=topics)
+    result = json.loads((tmp_path / 'live' / 'result.json').read_text())
+    assert result['metrics']['loop_closure_gain'] < 1
+
+
+@pytest.mark.parametrize('first', TOPICS_PLAYED)
+def test_the_stream_that_begins_five_seconds_later_changes_nothing(environment, tmp_path, first):
+    (second,) = set(TOPICS_PLAYED) - {first}
+    options = ('-p', f'report_dir:={tmp_path}/live', *reliable(*TOPICS_PLAYED))
+    with evaluator(environment, *options):
+        ahead = subprocess.Popen(
+            verb('play', DEMO, '--rate', 8, '--wait-for-subscribers', '--topics', first),
+            env=environment,
+            stderr=subprocess.DEVNULL,
+        )
+        try:
+            time.sleep(5)
+            play(environment, DEMO, '--topics', second, '--rate', 8)
+            assert ahead.wait(timeout=LIMIT_S) == 0
+        finally:
+            ahead.kill()
+            ahead.wait()
+    replay_into(tmp_path / 'offline', environment, DEMO)
+    assert_same(tmp_path / 'live', tmp_path / 'offline')
 
 
 @pytest.mark.parametrize(
