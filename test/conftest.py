@@ -1,10 +1,13 @@
-"""What the tests share: where the real recordings are, and a made-up one of a Path."""
+"""What the tests share: real recordings, made-up ones, and the package as colcon installs it."""
 
 from collections.abc import Iterable
 from dataclasses import replace
 from operator import itemgetter
 import os
 from pathlib import Path
+import shutil
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -14,6 +17,11 @@ from rosbags.typesys import get_typestore, Stores
 
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.simulation import simulate
+
+ROOT = Path(__file__).resolve().parents[1]
+STORE = get_typestore(Stores.ROS2_JAZZY)
+# What is in a clone and matters for building: no environments, no results of earlier builds.
+NOT_COPIED = shutil.ignore_patterns('.*', 'build', 'install', 'log', '*.egg-info', '__pycache__')
 
 
 @pytest.fixture(scope='session')
@@ -28,7 +36,32 @@ def shared_data() -> Path:
     pytest.skip(f'no real recordings at {folder}')
 
 
-STORE = get_typestore(Stores.ROS2_JAZZY)
+@pytest.fixture(scope='session')
+def colcon() -> str:
+    beside_python = Path(sys.executable).parent
+    found = shutil.which('colcon', path=f'{beside_python}{os.pathsep}{os.environ["PATH"]}')
+    if found:
+        return found
+    if os.environ.get('VIO_EVAL_ROS_REQUIRE_DATA') == '1':
+        pytest.fail('colcon is required here and missing')
+    pytest.skip('colcon is not installed')
+
+
+@pytest.fixture(scope='session')
+def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a colcon workspace with a copy of the package in ``src``."""
+    folder = tmp_path_factory.mktemp('workspace')
+    shutil.copytree(ROOT, folder / 'src' / 'vio_eval_ros', ignore=NOT_COPIED)
+    return folder
+
+
+@pytest.fixture(scope='session')
+def installed(colcon: str, workspace: Path) -> Path:
+    """Return the folder into which colcon installed the package."""
+    command = [colcon, '--log-base', 'log', 'build']
+    done = subprocess.run(command, cwd=workspace, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return workspace / 'install' / 'vio_eval_ros'
 
 
 def stamped(cls: str, stamp_ns: int, *content: Any) -> Any:

@@ -1,10 +1,8 @@
 """The package installs, builds with colcon, and its verbs are found by both of their names."""
 
 import importlib
-import os
 from pathlib import Path
 import re
-import shutil
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -15,8 +13,6 @@ from vio_eval_ros import __version__
 from vio_eval_ros.__main__ import main, VERBS
 
 ROOT = Path(__file__).resolve().parents[1]
-# What is in a clone and matters for building: no environments, no results of earlier builds.
-NOT_COPIED = shutil.ignore_patterns('.*', 'build', 'install', 'log', '*.egg-info', '__pycache__')
 
 
 def run(*command: str | Path, cwd: Path) -> str:
@@ -24,32 +20,6 @@ def run(*command: str | Path, cwd: Path) -> str:
     done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
-
-
-@pytest.fixture(scope='module')
-def colcon() -> str:
-    beside_python = Path(sys.executable).parent
-    found = shutil.which('colcon', path=f'{beside_python}{os.pathsep}{os.environ["PATH"]}')
-    if found:
-        return found
-    if os.environ.get('VIO_EVAL_ROS_REQUIRE_DATA') == '1':
-        pytest.fail('colcon is required here and missing')
-    pytest.skip('colcon is not installed')
-
-
-@pytest.fixture(scope='module')
-def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a colcon workspace with a copy of the package in ``src``."""
-    folder = tmp_path_factory.mktemp('workspace')
-    shutil.copytree(ROOT, folder / 'src' / 'vio_eval_ros', ignore=NOT_COPIED)
-    return folder
-
-
-@pytest.fixture(scope='module')
-def installed(colcon: str, workspace: Path) -> Path:
-    """Return the folder into which colcon installed the package."""
-    run(colcon, '--log-base', 'log', 'build', cwd=workspace)
-    return workspace / 'install' / 'vio_eval_ros'
 
 
 def test_the_version_is_the_same_everywhere():

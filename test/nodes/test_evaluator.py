@@ -9,7 +9,6 @@ from pathlib import Path
 import random
 import signal
 import subprocess
-import sys
 import time
 
 import pytest
@@ -26,17 +25,19 @@ LIMIT_S = 60
 
 
 @pytest.fixture
-def environment() -> dict[str, str]:
-    """Return an environment in which nobody else is on the ROS graph."""
+def environment(installed: Path) -> dict[str, str]:
+    """Return an environment with the installed verbs, in which nobody else is on the graph."""
+    (packages,) = installed.glob('lib/python*/site-packages')
     return os.environ | {
-        'PYTHONPATH': str(ROOT),
+        'PATH': f'{installed / "lib" / "vio_eval_ros"}{os.pathsep}{os.environ["PATH"]}',
+        'PYTHONPATH': str(packages),
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
         'ROS_DOMAIN_ID': str(random.randint(61, 90)),
     }
 
 
 def verb(name: str, *arguments: object) -> list[str]:
-    return [sys.executable, '-m', 'vio_eval_ros', name, *map(str, arguments)]
+    return [name, *map(str, arguments)]
 
 
 @contextmanager
