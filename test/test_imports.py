@@ -21,7 +21,10 @@ OUTSIDE_WORLD = {
 INNER = {'core', 'errors'}
 SHELLS = {'cli', 'nodes'}
 # Layers between the core and the shells: none knows of another, but for what is named here.
-MAY_ALSO_IMPORT = {'reports': {PACKAGE}}  # the version
+MAY_ALSO_IMPORT = {
+    'reports': {PACKAGE},  # the version
+    'scoring': {PACKAGE, 'recordings', 'reports'},  # it holds the ends together
+}
 ONLY_IN = {
     'rclpy': ('nodes.',),
     'rosbags': ('recordings.', 'reports.mcap', 'simulation'),

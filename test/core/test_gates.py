@@ -108,3 +108,27 @@ def test_a_gate_on_a_metric_that_there_is_not_gets_the_nearest_name():
     check_names([Gate('ate_rmse', '<=', 1)], ['ate_rmse'])
     with pytest.raises(ConfigError, match=r"no metric 'ate_rsme'.*did you mean 'ate_rmse'\?"):
         check_names([Gate('ate_rsme', '<=', 1)], ['ate_rmse', 'coverage_ratio'])
+
+
+def test_a_limit_to_warn_at_goes_in_the_direction_of_the_other():
+    fail, warn = Gate.from_mapping({'ate_trans_rmse_m': {'max': 0.3, 'warn': 0.2}})
+    assert fail == Gate('ate_trans_rmse_m', '<=', 0.3)
+    assert warn == Gate('ate_trans_rmse_m', '<=', 0.2, 'warn')
+    words = [v.word for v in judge([fail, warn], {'ate_trans_rmse_m': 0.25})]
+    assert words == ['pass', 'warn']
+    _, floor = Gate.from_mapping({'coverage_ratio': {'min': 0.8, 'warn': 0.9}})
+    assert floor == Gate('coverage_ratio', '>=', 0.9, 'warn')
+
+
+@pytest.mark.parametrize(
+    ('bounds', 'problem'),
+    [
+        ({'warn': 0.2}, 'warn goes with either max or min'),
+        ({'max': 0.3, 'min': 0.1, 'warn': 0.2}, 'warn goes with either max or min'),
+        ({'max': 0.3, 'warn': 0.4}, 'it would have failed already'),
+        ({'max': 0.3, 'warning': 0.2}, 'and warn: number beside one of them'),
+    ],
+)
+def test_a_warning_that_makes_no_sense_is_refused(bounds, problem):
+    with pytest.raises(ConfigError, match=problem):
+        Gate.from_mapping({'ate_trans_rmse_m': bounds})

@@ -74,6 +74,7 @@ def test_json_holds_every_figure_to_the_last_bit(passing):
         'metric': 'ate_trans_rmse_m',
         'comparison': '<=',
         'limit': 1.0,
+        'severity': 'fail',
         'value': passing.summary.metrics['ate_trans_rmse_m'],
         'passed': True,
     }

@@ -20,15 +20,14 @@ from vio_eval_ros.cli.shell import (
     UNABLE,
 )
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.core.evaluation import Evaluation, metric_names, running_series
-from vio_eval_ros.core.gates import check_names, Gate, judge
-from vio_eval_ros.core.trajectory import Poses
-from vio_eval_ros.errors import ConfigError, NoPairs, VioEvalError
+from vio_eval_ros.core.evaluation import metric_names, running_series
+from vio_eval_ros.core.gates import check_names, Gate
+from vio_eval_ros.errors import ConfigError, VioEvalError
 from vio_eval_ros.recordings.sources import default_topics, read_sources, Source, Spec
 from vio_eval_ros.reports import REPORTS, write
-from vio_eval_ros.reports.result import Input, Result
 from vio_eval_ros.reports.tables import series_csv
 from vio_eval_ros.reports.text import text_report
+from vio_eval_ros.scoring.run import score_run
 
 SERIES = ('csv',)
 EXAMPLES = """
@@ -135,31 +134,8 @@ def _replay(arguments: argparse.Namespace) -> int:
 
     estimate, truth = _sources(arguments)
     _check_targets([*reports, *([series] if series else [])], [*estimate.paths, *truth.paths])
-    evaluation = _evaluated(config, estimate.poses, estimate, truth)
-    if estimate.causal is not None:
-        evaluation.causal = _evaluated(config, estimate.causal, estimate, truth)
-    summary = evaluation.summary()
-    if not len(summary.pairs):
-        raise NoPairs(evaluation.no_pairs())
-    if (estimate.spec, estimate.paths) == (truth.spec, truth.paths):
-        summary.warnings.append('the estimate and the ground truth are the same')
-    summary.warnings[:0] = dict.fromkeys([*estimate.warnings, *truth.warnings])
-
     hashed = arguments.json or any(report.format == 'json' for report in reports)
-    streams = evaluation.associator
-    result = Result(
-        Input(
-            estimate.spec,
-            estimate.kind,
-            _sha256(estimate) if hashed else None,
-            streams.estimate,
-            config.time_offset_s,
-        ),
-        Input(truth.spec, truth.kind, _sha256(truth) if hashed else None, streams.ground_truth),
-        config,
-        summary,
-        judge(gates, summary.metrics),
-    )
+    result = score_run(estimate, truth, config, gates, hashed)
     written = [
         _written(report, lambda report=report: REPORTS[report.format](result))
         for report in reports
@@ -170,17 +146,6 @@ def _replay(arguments: argparse.Namespace) -> int:
     if not all(written):
         return UNABLE
     return FAILED if result.passed is False else PASSED
-
-
-def _evaluated(
-    config: EvaluationConfig, poses: Poses, estimate: Source, truth: Source
-) -> Evaluation:
-    """Return the evaluation of one revision of the estimate."""
-    evaluation = Evaluation(config)
-    evaluation.add_ground_truth(truth.poses, truth.zero_stamps)
-    evaluation.add_estimate(poses, estimate.zero_stamps)
-    evaluation.flush()
-    return evaluation
 
 
 def _sources(arguments: argparse.Namespace) -> list[Source]:
@@ -226,17 +191,3 @@ def _series(config: EvaluationConfig, estimate: Source, truth: Source) -> str:
     # what a live evaluation would have shown, it showed of poses as first published
     poses = estimate.poses if estimate.causal is None else estimate.causal
     return series_csv(running_series(config, poses, truth.poses, zero_stamps))
-
-
-def _sha256(source: Source) -> str | None:
-    """Return the hash of the files of a source, one behind the other; None for a pipe."""
-    import hashlib
-
-    if not all(path.is_file() for path in source.paths):
-        return None
-    digest = hashlib.sha256()
-    for path in source.paths:
-        with path.open('rb') as file:
-            while block := file.read(1 << 20):
-                digest.update(block)
-    return digest.hexdigest()

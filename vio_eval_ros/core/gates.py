@@ -11,14 +11,20 @@ from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.errors import ConfigError
 
 LIMITS = {'max': '<=', 'min': '>='}
+SEVERITIES = ('fail', 'warn')
 
 
 class Gate(NamedTuple):
-    """A metric and the limit that it must keep: ``<=`` a ceiling or ``>=`` a floor."""
+    """
+    A metric and the limit that it must keep: ``<=`` a ceiling or ``>=`` a floor.
+
+    :param severity: whether a value beyond the limit fails the run, or is only pointed out.
+    """
 
     metric: str
     comparison: str
     limit: float
+    severity: str = 'fail'
 
     @classmethod
     def parse(cls, text: str) -> Gate:
@@ -33,17 +39,32 @@ class Gate(NamedTuple):
 
     @classmethod
     def from_mapping(cls, limits: Mapping[str, Any]) -> list[Gate]:
-        """Return the gates of ``{metric: {max: number, min: number}}``."""
-        gates = []
-        for metric, bounds in limits.items():
-            if not isinstance(bounds, Mapping) or not bounds or not bounds.keys() <= LIMITS.keys():
+        """Return the gates of ``{metric: {max: number, min: number, warn: number}}``."""
+        return [gate for metric, bounds in limits.items() for gate in cls.of(str(metric), bounds)]
+
+    @classmethod
+    def of(cls, metric: str, bounds: Any) -> list[Gate]:
+        """Return the gates on one metric; ``warn`` is a limit in the direction of the other."""
+        known = {*LIMITS, 'warn'}
+        if not isinstance(bounds, Mapping) or not bounds or not bounds.keys() <= known:
+            raise ConfigError(
+                f'gate {metric}: give its limits as {{max: number}}, {{min: number}} or both, and '
+                'warn: number beside one of them'
+            )
+        gates = [
+            cls(metric, LIMITS[bound], _limit(metric, limit))
+            for bound, limit in bounds.items()
+            if bound in LIMITS
+        ]
+        if 'warn' in bounds:
+            if len(gates) != 1:
+                raise ConfigError(f'gate {metric}: warn goes with either max or min')
+            warning = gates[0]._replace(limit=_limit(metric, bounds['warn']), severity='warn')
+            if not gates[0].passes(warning.limit):
                 raise ConfigError(
-                    f'gate {metric}: give its limits as {{max: number}}, {{min: number}} or both'
+                    f'gate {metric}: beyond warn: {warning.limit:g} it would have failed already'
                 )
-            gates += [
-                cls(str(metric), LIMITS[bound], _limit(str(metric), limit))
-                for bound, limit in bounds.items()
-            ]
+            gates.append(warning)
         return gates
 
     def passes(self, value: float) -> bool:
@@ -61,6 +82,23 @@ class Verdict(NamedTuple):
     gate: Gate
     value: float
     passed: bool
+
+    @property
+    def word(self) -> str:
+        """What to call it: ``pass``, or the severity of the gate."""
+        return 'pass' if self.passed else self.gate.severity
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the verdict as results have it."""
+        gate = self.gate
+        return {
+            'metric': gate.metric,
+            'comparison': gate.comparison,
+            'limit': gate.limit,
+            'severity': gate.severity,
+            'value': self.value,
+            'passed': self.passed,
+        }
 
 
 def check_names(gates: Iterable[Gate], known: Iterable[str]) -> None:

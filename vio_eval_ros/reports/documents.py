@@ -8,6 +8,8 @@ from vio_eval_ros.core.statistics import STATISTICS
 from vio_eval_ros.reports.result import Result
 from vio_eval_ros.reports.text import number, percent, printable, rows
 
+MARKS = {'pass': 'pass', 'warn': '⚠ warn', 'fail': '**fail**'}
+
 
 def json_report(result: Result) -> str:
     """Return the result in schema ``vio_eval_ros.result/1``; numbers survive the round trip."""
@@ -24,7 +26,7 @@ def junit_report(result: Result) -> str:
         (
             str(verdict.gate),
             None
-            if verdict.passed
+            if verdict.word != 'fail'
             else f'{verdict.gate.metric} is {number(verdict.value)}, the gate is {verdict.gate}',
         )
         for verdict in result.verdicts
@@ -63,8 +65,8 @@ def markdown_report(result: Result) -> str:
     if result.verdicts:
         lines += ['| gate | value | verdict |', '|---|---:|---|']
         lines += [
-            f'| `{gate}` | {number(value)} | {"pass" if passed else "**fail**"} |'
-            for gate, value, passed in result.verdicts
+            f'| `{verdict.gate}` | {number(verdict.value)} | {MARKS[verdict.word]} |'
+            for verdict in result.verdicts
         ] + ['']
     lines += ['| error | ' + ' | '.join(STATISTICS) + ' |', '|---|' + '---:|' * len(STATISTICS)]
     lines += [

@@ -63,8 +63,8 @@ class Result:
 
     @property
     def passed(self) -> bool | None:
-        """Whether all gates passed; None where there are none."""
-        return all(verdict.passed for verdict in self.verdicts) if self.verdicts else None
+        """Whether no gate failed; None where there are none."""
+        return all(v.word != 'fail' for v in self.verdicts) if self.verdicts else None
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as schema ``vio_eval_ros.result/1`` has it: no NaN, but None."""
@@ -87,16 +87,7 @@ class Result:
             },
             'metrics': self.summary.metrics,
             'warnings': self.summary.warnings,
-            'gates': [
-                {
-                    'metric': gate.metric,
-                    'comparison': gate.comparison,
-                    'limit': gate.limit,
-                    'value': value,
-                    'passed': passed,
-                }
-                for gate, value, passed in self.verdicts
-            ],
+            'gates': [verdict.to_dict() for verdict in self.verdicts],
             'verdict': {True: 'pass', False: 'fail', None: None}[self.passed],
         }
         return {name: _without_nan(value) for name, value in result.items()}

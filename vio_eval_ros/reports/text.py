@@ -15,6 +15,8 @@ RPE_LABELS = {
     'disp': 'displacement',
     'dist': 'distance',
 }
+# what stands out is in capitals
+WORDS = {'pass': 'pass', 'warn': 'warn', 'fail': 'FAIL'}
 
 
 def text_report(result: Result) -> str:
@@ -50,8 +52,8 @@ def text_report(result: Result) -> str:
     lines += [f'warning: {warning}' for warning in summary.warnings]
     if result.verdicts:
         lines += [''] + [
-            f'{"pass" if passed else "FAIL"}  {gate}  (is {number(value)})'
-            for gate, value, passed in result.verdicts
+            f'{WORDS[verdict.word]}  {verdict.gate}  (is {number(verdict.value)})'
+            for verdict in result.verdicts
         ]
     return '\n'.join(printable(line) for line in lines) + '\n'
 

@@ -1,0 +1,1 @@
+"""Judging recorded runs: one against its ground truth, many against gates and baselines."""

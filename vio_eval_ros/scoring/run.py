@@ -1,0 +1,82 @@
+"""One recorded run: poses of two sources in, a result out."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.evaluation import Evaluation
+from vio_eval_ros.core.gates import Gate, judge
+from vio_eval_ros.core.trajectory import Poses
+from vio_eval_ros.errors import NoPairs
+from vio_eval_ros.recordings.sources import Source
+from vio_eval_ros.reports.result import Input, Result
+
+
+def score_run(
+    estimate: Source,
+    truth: Source,
+    config: EvaluationConfig,
+    gates: Iterable[Gate] = (),
+    hashed: bool = True,
+) -> Result:
+    """
+    Return what an estimate is worth, held against the ground truth.
+
+    :param hashed: whether to hash the files, which only some reports show.
+    :raises NoPairs: where the two share no instant; the message says why.
+    """
+    evaluation = _evaluated(config, estimate.poses, estimate, truth)
+    if estimate.causal is not None:
+        evaluation.causal = _evaluated(config, estimate.causal, estimate, truth)
+    summary = evaluation.summary()
+    if not len(summary.pairs):
+        raise NoPairs(evaluation.no_pairs())
+    if (estimate.spec, estimate.paths) == (truth.spec, truth.paths):
+        summary.warnings.append('the estimate and the ground truth are the same')
+    summary.warnings[:0] = dict.fromkeys([*estimate.warnings, *truth.warnings])
+    streams = evaluation.associator
+    return Result(
+        Input(
+            estimate.spec,
+            estimate.kind,
+            sha256(estimate.paths) if hashed else None,
+            streams.estimate,
+            config.time_offset_s,
+        ),
+        Input(
+            truth.spec,
+            truth.kind,
+            sha256(truth.paths) if hashed else None,
+            streams.ground_truth,
+        ),
+        config,
+        summary,
+        judge(gates, summary.metrics),
+    )
+
+
+def _evaluated(
+    config: EvaluationConfig, poses: Poses, estimate: Source, truth: Source
+) -> Evaluation:
+    """Return the evaluation of one revision of the estimate."""
+    evaluation = Evaluation(config)
+    evaluation.add_ground_truth(truth.poses, truth.zero_stamps)
+    evaluation.add_estimate(poses, estimate.zero_stamps)
+    evaluation.flush()
+    return evaluation
+
+
+def sha256(paths: Sequence[Path]) -> str | None:
+    """Return the hash of files, one behind the other; None where one is a pipe."""
+    import hashlib
+
+    if not all(path.is_file() for path in paths):
+        return None
+    digest = hashlib.sha256()
+    for path in paths:
+        with path.open('rb') as file:
+            while block := file.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()
