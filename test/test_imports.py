@@ -23,7 +23,7 @@ SHELLS = {'cli', 'nodes'}
 # Layers between the core and the shells: none knows of another, but for what is named here.
 MAY_ALSO_IMPORT = {
     'reports': {PACKAGE},  # the version
-    'scoring': {PACKAGE, 'recordings', 'reports'},  # it holds the ends together
+    'scoring': {PACKAGE, 'recordings', 'reports', 'settings'},  # it holds the ends together
 }
 ONLY_IN = {
     'rclpy': ('nodes.',),

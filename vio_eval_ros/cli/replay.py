@@ -12,7 +12,6 @@ from vio_eval_ros.cli.shell import (
     complain,
     config_of,
     FAILED,
-    gates_of,
     Parser,
     PASSED,
     progress,
@@ -28,6 +27,7 @@ from vio_eval_ros.reports import REPORTS, write
 from vio_eval_ros.reports.tables import series_csv
 from vio_eval_ros.reports.text import text_report
 from vio_eval_ros.scoring.run import score_run
+from vio_eval_ros.settings import gates_of
 
 SERIES = ('csv',)
 EXAMPLES = """

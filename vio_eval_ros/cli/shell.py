@@ -14,11 +14,10 @@ import time
 from typing import Any, NoReturn
 
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.core.gates import Gate
-from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
+from vio_eval_ros.errors import VioEvalError
+from vio_eval_ros.settings import options_of
 
 PASSED, FAILED, UNABLE = 0, 1, 2
-MAX_YAML_BYTES = 1 << 20
 BAR_AFTER_S = 0.5
 
 
@@ -123,70 +122,6 @@ def config_of(arguments: argparse.Namespace) -> EvaluationConfig:
     given = {option.name: getattr(arguments, option.name) for option in fields(EvaluationConfig)}
     values |= {name: value for name, value in given.items() if value is not None}
     return EvaluationConfig.from_mapping(values)
-
-
-def options_of(path: Path) -> dict[str, Any]:
-    """Return the options in a YAML file: a plain mapping, or a ROS parameter file."""
-    values = load_yaml(path)
-    nodes = [name for name in ('/**', 'vio_evaluator', '/vio_evaluator') if name in values]
-    if not nodes:
-        return values
-    merged: dict[str, Any] = {}
-    for name in nodes:
-        node = values[name]
-        parameters = node.get('ros__parameters') if isinstance(node, dict) else None
-        if not isinstance(parameters, dict):
-            raise ConfigError(f'{path}: {name} has no mapping ros__parameters')
-        merged |= parameters
-    return merged
-
-
-def gates_of(path: Path) -> list[Gate]:
-    """Return the gates in a YAML file; none at all is an error."""
-    gates = Gate.from_mapping(load_yaml(path))
-    if not gates:
-        raise ConfigError(f'{path}: there are no gates')
-    return gates
-
-
-def load_yaml(path: Path) -> dict[str, Any]:
-    """Return the mapping in a YAML file; nothing but plain data is ever made of it."""
-    import yaml
-
-    try:
-        with path.open(encoding='utf-8') as file:
-            text = file.read(MAX_YAML_BYTES + 1)
-        if len(text) > MAX_YAML_BYTES:
-            raise ReadError(path, 'too large for a file of options')
-        _refuse_repetition(path, yaml.compose(text, Loader=yaml.SafeLoader), set())
-        values = yaml.safe_load(text)
-    except OSError as error:
-        raise ReadError(path, error.strerror or str(error)) from None
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        raise ReadError(path, f'not valid YAML: {" ".join(str(error).split())}') from None
-    if values is None:
-        return {}
-    if not isinstance(values, dict):
-        raise ConfigError(f'{path}: a mapping of names to values is expected')
-    return values
-
-
-def _refuse_repetition(path: Path, node: Any, seen: set[int]) -> None:
-    """Raise where a key is given twice, or an alias repeats a part, perhaps a billion times."""
-    children = [] if node is None or isinstance(node.value, str) else node.value
-    keys: set[str] = set()
-    for child in children:
-        pair = child if isinstance(child, tuple) else (child,)
-        line = pair[0].start_mark.line + 1
-        if len(pair) == 2:
-            if str(pair[0].value) in keys:
-                raise ReadError(path, f"line {line}: '{pair[0].value}' is there already")
-            keys.add(str(pair[0].value))
-        for part in pair:
-            if id(part) in seen:
-                raise ReadError(path, f'line {line}: aliases are not allowed')
-            seen.add(id(part))
-            _refuse_repetition(path, part, seen)
 
 
 def progress(items: Iterable[Any], total: int) -> Iterator[Any]:

@@ -24,7 +24,7 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
-from vio_eval_ros.cli.shell import FAILED, gates_of, PASSED
+from vio_eval_ros.cli.shell import FAILED, PASSED
 from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.core.gates import check_names, Gate
 from vio_eval_ros.core.trajectory import Poses
@@ -36,6 +36,7 @@ from vio_eval_ros.nodes.status import status_messages
 from vio_eval_ros.nodes.stream import Stream
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.reports import REPORTS
+from vio_eval_ros.settings import gates_of
 
 DRAIN_S = 0.05
 TICK_S = 1.0
