@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from vio_eval_ros.core import rotation
-from vio_eval_ros.core.alignment import Alignment, Moments, solve
+from vio_eval_ros.core.alignment import Alignment, MIN_EXTENT_M, Moments, solve
 from vio_eval_ros.core.angles import AngleMoments
 from vio_eval_ros.core.association import Associator, nanoseconds, nearest
 from vio_eval_ros.core.config import Delta, EvaluationConfig, plain
@@ -113,20 +113,24 @@ class Ate(Metric):
 
     def final(self, run: Run) -> dict[str, float]:
         """Return all statistics under the chosen alignment, the RMSE under the usual ones."""
+        errors = position_errors(run.sample, run.alignment)
         return (
-            named('ate_trans', 'm', position_errors(run.sample, run.alignment))
+            named('ate_trans', 'm', errors)
             | named('ate_rot', 'deg', rotation_errors(run.sample, run.alignment))
             | self._usual(
                 run, lambda alignment: root_mean_square(position_errors(run.sample, alignment))
             )
+            | {'ate_extent_ratio': _over_extent(root_mean_square(errors), run.moments)}
         )
 
     def running(self, run: Run) -> dict[str, float]:
         """Return the RMSE in closed form, at the same cost for any number of pairs."""
-        return {
-            'ate_trans_rmse_m': math.sqrt(run.alignment.mean_square(run.moments)),
-            'ate_rot_rmse_deg': self._rotation_rmse(run),
-        } | self._usual(run, lambda alignment: math.sqrt(alignment.mean_square(run.moments)))
+        rmse = math.sqrt(run.alignment.mean_square(run.moments))
+        return (
+            {'ate_trans_rmse_m': rmse, 'ate_rot_rmse_deg': self._rotation_rmse(run)}
+            | self._usual(run, lambda alignment: math.sqrt(alignment.mean_square(run.moments)))
+            | {'ate_extent_ratio': _over_extent(rmse, run.moments)}
+        )
 
     def _rotation_rmse(self, run: Run) -> float:
         """Return the RMSE of angles; their moments are taken anew where R has turned too far."""
@@ -146,6 +150,12 @@ class Ate(Metric):
         return {
             f'ate_{mode}_trans_rmse_m': rmse(alignment) for mode, alignment in usual.items()
         } | {'sim3_scale': usual['sim3'].scale}
+
+
+def _over_extent(rmse: float, moments: Moments) -> float:
+    """Return an RMSE over the RMS distance of the ground truth from its mean."""
+    square = float(np.trace(moments.truth_scatter)) / max(moments.count, 1)
+    return rmse / math.sqrt(square) if square > MIN_EXTENT_M**2 else math.nan
 
 
 @dataclass(frozen=True, eq=False)
