@@ -14,6 +14,7 @@ import sys
 VERBS: dict[str, tuple[str, str]] = {
     'evaluator': ('vio_eval_ros.nodes.evaluator', 'score a running estimator, live in ROS 2'),
     'replay': ('vio_eval_ros.cli.replay', 'score one recording or a pair of trajectory files'),
+    'score': ('vio_eval_ros.cli.score', 'score a suite of runs against gates and a baseline'),
     'play': ('vio_eval_ros.nodes.play', 'publish a recording into ROS 2'),
 }
 

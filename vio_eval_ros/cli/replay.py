@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 from vio_eval_ros.cli.shell import (
     add_options,
-    complain,
     config_of,
     FAILED,
     Parser,
@@ -18,12 +15,13 @@ from vio_eval_ros.cli.shell import (
     run,
     UNABLE,
 )
+from vio_eval_ros.cli.targets import check_targets, Target, written
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names, running_series
 from vio_eval_ros.core.gates import check_names, Gate
-from vio_eval_ros.errors import ConfigError, VioEvalError
+from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.recordings.sources import default_topics, read_sources, Source, Spec
-from vio_eval_ros.reports import REPORTS, write
+from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.tables import series_csv
 from vio_eval_ros.reports.text import text_report
 from vio_eval_ros.scoring.run import score_run
@@ -39,23 +37,6 @@ examples:
 
 exit status: 0 done and passed, 1 a gate failed, 2 could not be done
 """
-
-
-class Target(NamedTuple):
-    """A format and the file that it goes to."""
-
-    format: str
-    path: Path
-
-    @classmethod
-    def parse(cls, text: str, formats: Iterable[str]) -> Target:
-        """Return the target that ``FORMAT:PATH`` means."""
-        name, _, path = text.partition(':')
-        if name not in formats or not path:
-            raise ConfigError(f"'{text}': write FORMAT:PATH with a format of {', '.join(formats)}")
-        if not Path(path).parent.is_dir():
-            raise ConfigError(f"'{text}': there is no folder {Path(path).parent}")
-        return cls(name, Path(path))
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -133,17 +114,17 @@ def _replay(arguments: argparse.Namespace) -> int:
         check_names(gates, metric_names(config))
 
     estimate, truth = _sources(arguments)
-    _check_targets([*reports, *([series] if series else [])], [*estimate.paths, *truth.paths])
+    check_targets([*reports, *([series] if series else [])], [*estimate.paths, *truth.paths])
     hashed = arguments.json or any(report.format == 'json' for report in reports)
     result = score_run(estimate, truth, config, gates, hashed)
-    written = [
-        _written(report, lambda report=report: REPORTS[report.format](result))
+    done = [
+        written('replay', report, lambda report=report: REPORTS[report.format](result))
         for report in reports
     ]
     if series:
-        written.append(_written(series, lambda: _series(config, estimate, truth)))
+        done.append(written('replay', series, lambda: _series(config, estimate, truth)))
     print(REPORTS['json'](result) if arguments.json else text_report(result), end='', flush=True)
-    if not all(written):
+    if not all(done):
         return UNABLE
     return FAILED if result.passed is False else PASSED
 
@@ -163,26 +144,6 @@ def _sources(arguments: argparse.Namespace) -> list[Source]:
     if arguments.times is not None and not any(source.kind == 'kitti' for source in sources):
         raise ConfigError('--times goes with KITTI pose files, and neither input is one')
     return sources
-
-
-def _check_targets(targets: Sequence[Target], inputs: Sequence[Path]) -> None:
-    """Raise ``ConfigError`` where two reports, or a report and an input, are the same file."""
-    taken = {path.resolve(): f'the input {path}' for path in inputs}
-    for target in targets:
-        path = target.path.resolve()
-        if path in taken and (path.is_file() or not path.exists()):
-            raise ConfigError(f'{target.format}:{target.path} would overwrite {taken[path]}')
-        taken[path] = f'{target.format}:{target.path}'
-
-
-def _written(target: Target, render: Callable[[], str]) -> bool:
-    """Return whether a report could be written; a complaint about one does not stop others."""
-    try:
-        write(target.path, render())
-    except VioEvalError as error:
-        complain('replay', f'{target.format}:{error}')
-        return False
-    return True
 
 
 def _series(config: EvaluationConfig, estimate: Source, truth: Source) -> str:

@@ -118,6 +118,10 @@ class Source:
     warnings: tuple[str, ...] = ()
     causal: Poses | None = None
 
+    def revising(self, first: Source) -> Source:
+        """Return the source as what revises another, which was published first."""
+        return replace(self, causal=first.poses, warnings=(*self.warnings, *first.warnings))
+
 
 def read_sources(
     specs: Sequence[str],

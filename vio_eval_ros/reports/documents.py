@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
 import math
 
 from vio_eval_ros.core.statistics import STATISTICS
@@ -20,8 +22,6 @@ def json_report(result: Result) -> str:
 
 def junit_report(result: Result) -> str:
     """Return a JUnit test suite: a case for each gate, or one that says that it was scored."""
-    from xml.etree import ElementTree
-
     cases = [
         (
             str(verdict.gate),
@@ -31,22 +31,45 @@ def junit_report(result: Result) -> str:
         )
         for verdict in result.verdicts
     ] or [('evaluated', None)]
-    failures = sum(failure is not None for _, failure in cases)
-    counts = {'tests': str(len(cases)), 'failures': str(failures), 'errors': '0', 'skipped': '0'}
-    root = ElementTree.Element('testsuites', name='vio_eval_ros', **counts)
-    name = printable(result.estimate.source)
-    suite = ElementTree.SubElement(root, 'testsuite', name=name, **counts)
-    properties = ElementTree.SubElement(suite, 'properties')
-    for metric, value in result.summary.metrics.items():
-        ElementTree.SubElement(
-            properties, 'property', name=metric, value='null' if math.isnan(value) else repr(value)
-        )
-    for gate, failure in cases:
-        case = ElementTree.SubElement(suite, 'testcase', name=gate, classname=name)
-        if failure is not None:
-            ElementTree.SubElement(case, 'failure', message=failure, type='gate').text = failure
+    return junit([(result.estimate.source, result.summary.metrics, cases)])
+
+
+def junit(
+    suites: Iterable[tuple[str, Mapping[str, float], Sequence[tuple[str, str | None]]]],
+) -> str:
+    """
+    Return JUnit XML.
+
+    :param suites: name, metrics and cases of each; a case has a name and why it failed, or None.
+    """
+    from xml.etree import ElementTree
+
+    root = ElementTree.Element('testsuites', name='vio_eval_ros')
+    totals: Counter[str] = Counter()
+    for title, metrics, cases in suites:
+        failures = sum(failure is not None for _, failure in cases)
+        counts = {'tests': len(cases), 'failures': failures, 'errors': 0, 'skipped': 0}
+        totals.update(counts)
+        name = printable(title)
+        suite = ElementTree.SubElement(root, 'testsuite', name=name, **_texts(counts))
+        properties = ElementTree.SubElement(suite, 'properties')
+        for metric, value in metrics.items():
+            shown = 'null' if math.isnan(value) else repr(value)
+            ElementTree.SubElement(properties, 'property', name=metric, value=shown)
+        for gate, failure in cases:
+            case = ElementTree.SubElement(suite, 'testcase', name=gate, classname=name)
+            if failure is not None:
+                ElementTree.SubElement(
+                    case, 'failure', message=failure, type='gate'
+                ).text = failure
+    for key, value in _texts(totals).items():
+        root.set(key, value)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding='unicode', xml_declaration=True) + '\n'
+
+
+def _texts(counts: Mapping[str, int]) -> dict[str, str]:
+    return {name: str(count) for name, count in counts.items()}
 
 
 def markdown_report(result: Result) -> str:
@@ -54,9 +77,9 @@ def markdown_report(result: Result) -> str:
     found, alignment = result.summary.association, result.summary.alignment
     verdict = {True: '✅ pass', False: '❌ fail', None: 'no gates'}[result.passed]
     lines = [
-        f'### {_escaped(result.estimate.source)}: {verdict}',
+        f'### {escaped(result.estimate.source)}: {verdict}',
         '',
-        f'Against {_escaped(result.ground_truth.source)}: {found["pairs"]} pairs, '
+        f'Against {escaped(result.ground_truth.source)}: {found["pairs"]} pairs, '
         f'coverage {percent(found["coverage_ratio"])}, '
         f'{percent(found["matched_ratio"])} of the estimates matched, '
         f'alignment {alignment.mode} (scale {number(alignment.scale)}).',
@@ -72,10 +95,10 @@ def markdown_report(result: Result) -> str:
     lines += [
         f'| {label} | ' + ' | '.join(map(number, values)) + ' |' for label, values in rows(result)
     ]
-    lines += [''] + [f'- ⚠ {_escaped(warning)}' for warning in result.summary.warnings]
+    lines += [''] + [f'- ⚠ {escaped(warning)}' for warning in result.summary.warnings]
     return '\n'.join(lines).rstrip() + '\n'
 
 
-def _escaped(text: str) -> str:
+def escaped(text: str) -> str:
     """Return text without anything that Markdown or HTML would take as its own."""
     return ''.join(f'\\{c}' if c in '\\`*_[]<>&|#~$@' else c for c in printable(text))

@@ -90,15 +90,15 @@ class Result:
             'gates': [verdict.to_dict() for verdict in self.verdicts],
             'verdict': {True: 'pass', False: 'fail', None: None}[self.passed],
         }
-        return {name: _without_nan(value) for name, value in result.items()}
+        return {name: without_nan(value) for name, value in result.items()}
 
 
-def _without_nan(value: Any) -> Any:
+def without_nan(value: Any) -> Any:
     """Return the same with None in place of what is no finite number."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):
-        return {name: _without_nan(item) for name, item in value.items()}
+        return {name: without_nan(item) for name, item in value.items()}
     if isinstance(value, list):
-        return [_without_nan(item) for item in value]
+        return [without_nan(item) for item in value]
     return value

@@ -1,0 +1,48 @@
+"""Where the reports of a verb go: ``FORMAT:PATH``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from vio_eval_ros.cli.shell import complain
+from vio_eval_ros.errors import ConfigError, VioEvalError
+from vio_eval_ros.reports import write
+
+
+class Target(NamedTuple):
+    """A format and the file that it goes to."""
+
+    format: str
+    path: Path
+
+    @classmethod
+    def parse(cls, text: str, formats: Iterable[str]) -> Target:
+        """Return the target that ``FORMAT:PATH`` means."""
+        name, _, path = text.partition(':')
+        if name not in formats or not path:
+            raise ConfigError(f"'{text}': write FORMAT:PATH with a format of {', '.join(formats)}")
+        if not Path(path).parent.is_dir():
+            raise ConfigError(f"'{text}': there is no folder {Path(path).parent}")
+        return cls(name, Path(path))
+
+
+def check_targets(targets: Sequence[Target], inputs: Sequence[Path]) -> None:
+    """Raise ``ConfigError`` where two reports, or a report and an input, are the same file."""
+    taken = {path.resolve(): f'the input {path}' for path in inputs}
+    for target in targets:
+        path = target.path.resolve()
+        if path in taken and (path.is_file() or not path.exists()):
+            raise ConfigError(f'{target.format}:{target.path} would overwrite {taken[path]}')
+        taken[path] = f'{target.format}:{target.path}'
+
+
+def written(verb: str, target: Target, render: Callable[[], str]) -> bool:
+    """Return whether a report could be written; a complaint about one does not stop others."""
+    try:
+        write(target.path, render())
+    except VioEvalError as error:
+        complain(verb, f'{target.format}:{error}')
+        return False
+    return True

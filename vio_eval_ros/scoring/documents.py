@@ -1,0 +1,199 @@
+"""Reports of a suite: JSON for scripts, JUnit for build servers, tables for people."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+import math
+
+from vio_eval_ros.core.gates import Verdict
+from vio_eval_ros.reports.documents import escaped, junit
+from vio_eval_ros.reports.text import number, percent, printable
+from vio_eval_ros.scoring.baseline import Comparison
+from vio_eval_ros.scoring.scoring import SequenceResult, SuiteResult
+from vio_eval_ros.scoring.suite import RunsGate, SUCCESS_RATE
+
+ATE = 'ate_trans_rmse_m'
+COLUMNS = (
+    'sequence', 'runs', 'ATE [m]', 'spread', 'baseline', 'change', 'p', 'coverage', 'success',
+    'band', 'verdict',
+)  # fmt: skip
+
+
+def suite_json(result: SuiteResult) -> str:
+    """Return the result in schema ``vio_eval_ros.suite/1``; numbers survive the round trip."""
+    import json
+
+    return json.dumps(result.to_dict(), indent=2, allow_nan=False) + '\n'
+
+
+def suite_text(result: SuiteResult) -> str:
+    """Return the table of sequences, worst first, and what is wrong with each."""
+    from tabulate import tabulate
+
+    lines = [tabulate(_table(result), COLUMNS, 'simple', disable_numparse=True), '']
+    for one in _worst_first(result):
+        lines += [f'{one.sequence.name}: {problem}' for problem in problems(one)]
+    lines += [f'note: {note}' for note in result.notes]
+    failed = sum(not one.passed for one in result.sequences)
+    lines.append(
+        f'{"FAIL" if failed else "pass"}: {failed} of {len(result.sequences)} sequences failed'
+    )
+    return '\n'.join(printable(line) for text in lines for line in text.split('\n')) + '\n'
+
+
+def suite_markdown(result: SuiteResult) -> str:
+    """Return a table that fits a pull-request comment, worst first, with all that is wrong."""
+    failed = sum(not one.passed for one in result.sequences)
+    verdict = (
+        f'❌ {failed} of {len(result.sequences)} sequences failed' if failed else '✅ all pass'
+    )
+    lines = [f'### vio_eval_ros: {verdict}', '', '| ' + ' | '.join(COLUMNS) + ' |']
+    lines.append('|---|' + '---:|' * (len(COLUMNS) - 3) + '---|---|')
+    lines += ['| ' + ' | '.join(map(escaped, row)) + ' |' for row in _table(result)]
+    details = [
+        f'- **{escaped(one.sequence.name)}**: {escaped(problem)}'
+        for one in _worst_first(result)
+        for problem in problems(one)
+    ]
+    notes = [f'- {escaped(note)}' for note in result.notes]
+    return '\n'.join([*lines, '', *details, *notes]).rstrip() + '\n'
+
+
+def suite_csv(result: SuiteResult) -> str:
+    """Return a row for each run and metric; what is unknown is empty."""
+    import csv
+    import io
+
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator='\n')
+    table.writerow(['sequence', 'estimate', 'metric', 'value'])
+    for one in result.sequences:
+        for run in one.runs:
+            metrics = {'error': run.error} if run.result is None else run.result.summary.metrics
+            for name, value in metrics.items():
+                shown = '' if isinstance(value, float) and math.isnan(value) else value
+                table.writerow([one.sequence.name, run.run.name, name, shown])
+    return text.getvalue()
+
+
+def suite_latex(result: SuiteResult) -> str:
+    """Return a LaTeX table (booktabs) of the sequences, in the order of the suite."""
+    from tabulate import tabulate
+
+    rows = [
+        [
+            one.sequence.name,
+            len(one.runs),
+            *(number(one.metrics[name].median) if name in one.metrics else '-' for name in LATEX),
+        ]
+        for one in result.sequences
+    ]
+    heads = [
+        'sequence',
+        'runs',
+        'ATE [m]',
+        'ATE [deg]',
+        'RPE 1 s [m]',
+        'RPE 1 s [deg]',
+        'coverage',
+    ]
+    return tabulate(rows, heads, 'latex_booktabs', disable_numparse=True) + '\n'
+
+
+LATEX = (ATE, 'ate_rot_rmse_deg', 'rpe_1s_trans_rmse_m', 'rpe_1s_rot_rmse_deg', 'coverage_ratio')
+
+
+def suite_junit(result: SuiteResult) -> str:
+    """Return JUnit XML: a suite for each sequence, a case for each gate and comparison."""
+    suites = []
+    for one in result.sequences:
+        cases: list[tuple[str, str | None]] = [
+            (_gate_name(gate), _broken(gate, verdict) if verdict.word == 'fail' else None)
+            for gate, verdict in one.verdicts
+        ]
+        cases += [
+            (f'{each.rule.metric} against the baseline', _worse(each) if each.worse else None)
+            for each in one.comparisons or ()
+        ]
+        values = {name: of.median for name, of in one.metrics.items()}
+        suites.append((one.sequence.name, values, cases))
+    return junit(suites)
+
+
+def problems(one: SequenceResult) -> Iterator[str]:
+    """Yield a sentence for all that is wrong with a sequence, the grave things first."""
+    yield from (f'FAIL {_broken(g, v)}' for g, v in one.verdicts if v.word == 'fail')
+    yield from (f'FAIL {_worse(each)}' for each in one.comparisons or () if each.worse)
+    yield from (f'{run.run.name}: {run.error}' for run in one.runs if run.result is None)
+    for run in one.runs:
+        if run.result is not None and not run.succeeded(one.sequence):
+            broken = [
+                f'{gate.metric} is {number(run.result.summary.metrics[gate.metric])}'
+                for gate in one.sequence.success_gates
+                if not gate.passes(run.result.summary.metrics[gate.metric])
+            ]
+            yield f'{run.run.name}: no success, {" and ".join(broken)}'
+    yield from (f'warn {_broken(g, v)}' for g, v in one.verdicts if v.word == 'warn')
+
+
+def _table(result: SuiteResult) -> list[list[str]]:
+    return [_row(one) for one in _worst_first(result)]
+
+
+def _row(one: SequenceResult) -> list[str]:
+    ate = one.metrics.get(ATE)
+    compared = {each.rule.metric: each for each in one.comparisons or ()}.get(ATE)
+    words = {verdict.word for _, verdict in one.verdicts}
+    coverage = one.metrics.get('coverage_ratio')
+    return [
+        one.sequence.name,
+        str(len(one.runs)),
+        number(ate.median) if ate else '-',
+        f'± {number(ate.mad)}' if ate and len(ate.values) > 1 else '',
+        number(compared.baseline.median) if compared else '',
+        f'{100 * compared.difference / compared.baseline.median:+.1f} %'
+        if compared and compared.baseline.median
+        else '',
+        number(compared.p_value) if compared and not math.isnan(compared.p_value) else '',
+        percent(coverage.median) if coverage else '-',
+        percent(one.metrics[SUCCESS_RATE].median),
+        one.band or '',
+        ('warn' if 'warn' in words else 'pass') if one.passed else 'FAIL',
+    ]
+
+
+def _worst_first(result: SuiteResult) -> list[SequenceResult]:
+    """Return the failed before the passed, and of each the largest ATE first."""
+
+    def badness(one: SequenceResult) -> tuple[bool, float]:
+        ate = one.metrics[ATE].median if ATE in one.metrics else math.nan
+        return one.passed, -math.inf if math.isnan(ate) else -ate
+
+    return sorted(result.sequences, key=badness)
+
+
+def _gate_name(gate: RunsGate) -> str:
+    over = '' if gate.over == 'median' else f' of the {gate.over} run'
+    return f'{gate.gate}{over}' + (' (warning)' if gate.gate.severity == 'warn' else '')
+
+
+def _broken(gate: RunsGate, verdict: Verdict) -> str:
+    what = verdict.gate.metric + ('' if gate.over == 'median' else f' of the {gate.over} run')
+    return f'{what} is {number(verdict.value)}, the gate is {verdict.gate}'
+
+
+def _worse(one: Comparison) -> str:
+    metric, low, high = one.rule.metric, *one.interval
+    was, now = number(one.baseline.median), number(one.candidate.median)
+    chance = '' if math.isnan(one.p_value) else f', by chance with p = {number(one.p_value)}'
+    between = '' if math.isnan(low) else f', difference {number(low)} to {number(high)} (95 %)'
+    return f'{metric} was {was} and is {now}{chance}{between}'
+
+
+SUITE_REPORTS: dict[str, Callable[[SuiteResult], str]] = {
+    'json': suite_json,
+    'junit': suite_junit,
+    'markdown': suite_markdown,
+    'csv': suite_csv,
+    'latex': suite_latex,
+}
