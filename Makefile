@@ -1,5 +1,5 @@
-# Neither `make demo` nor `make test` needs ROS: what they install goes into .venv. Where a ROS 2
-# installation is sourced, its Python packages stay visible there.
+# Nothing here needs a ROS installation: what the targets install goes into .venv, for `make demo`
+# also ROS 2 itself. Where a ROS 2 installation is sourced, that one is visible and used there.
 
 PYTHON ?= python3
 VENV := .venv
@@ -9,18 +9,26 @@ RUNTIME := $(VENV)/runtime-installed
 TESTING := $(VENV)/test-installed
 RECORDING := demo/simulated_flight
 REPORT := demo/report
+HAS_ROS := $(IN_VENV) -c 'import rclpy, diagnostic_msgs' 2>/dev/null
 
 ifneq ($(and $(ROS_DISTRO),$(AMENT_PREFIX_PATH)),)
 VENV_OPTIONS := --system-site-packages
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test lint format bench accuracy demo-recording clean
+.PHONY: help demo demo-offline test lint format bench accuracy demo-recording clean
 
 help:  ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 18
 
-demo: $(RUNTIME)  ## score a bundled recording and write a report
+demo: $(RUNTIME)  ## play a bundled recording through ROS 2 and score it live
+	@$(HAS_ROS) || { echo 'Installing ROS 2 from PyPI (rclpy, Fast DDS) into $(VENV)'; \
+		$(PIP_INSTALL) --editable '.[ros]'; } || true
+	@if $(HAS_ROS); then $(IN_VENV) demo/live.py $(RECORDING) $(REPORT); else \
+		echo 'ROS 2 cannot be had here, so this is the offline half of the demo.' >&2; \
+		$(MAKE) --no-print-directory demo-offline; fi
+
+demo-offline: $(RUNTIME)  ## score the same recording without ROS and write a report
 	@echo 'Scoring $(RECORDING): a simulated flight and what a VIO made of it'
 	@mkdir -p $(REPORT)
 	@$(IN_VENV) -m vio_eval_ros replay $(RECORDING) \

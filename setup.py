@@ -23,7 +23,8 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
-        (f'share/{NAME}/config', sorted(glob('config/*.yaml'))),
+        (f'share/{NAME}/config', sorted(glob('config/*.*'))),
+        (f'share/{NAME}/config/gates', sorted(glob('config/gates/*.yaml'))),
         (f'share/{NAME}/launch', sorted(glob('launch/*.launch.py'))),
     ],
     entry_points={

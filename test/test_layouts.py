@@ -31,13 +31,13 @@ PATHS_AND_ERRORS = {
 }
 LIMIT_S = 30
 
-# prints what the node publishes, as soon as it is there with all of it
+# prints what the node publishes when all that is expected is there, or a time has passed
 LISTING = """
-import json, rclpy
+import json, sys, time, rclpy
 from rclpy.node import NodeNameNonExistentError
 rclpy.init()
-node, found = rclpy.create_node('listing'), {}
-while not {'/diagnostics', '/vio_evaluator/result'} <= found.keys():
+node, found, end_s = rclpy.create_node('listing'), {}, time.monotonic() + 15
+while not set(sys.argv[1:]) <= found.keys() and time.monotonic() < end_s:
     rclpy.spin_once(node, timeout_sec=0.1)
     try:
         found = dict(node.get_publisher_names_and_types_by_node('vio_evaluator', '/'))
@@ -128,7 +128,8 @@ def published() -> dict[str, list[str]]:
     evaluator = [sys.executable, '-m', 'vio_eval_ros', 'evaluator']
     process = subprocess.Popen(evaluator, env=environment, cwd=ROOT)
     try:
-        listing = [sys.executable, '-c', LISTING]
+        expected = rviz_topics() | foxglove_topics()
+        listing = [sys.executable, '-c', LISTING, *expected]
         done = subprocess.run(
             listing, env=environment, capture_output=True, check=True, timeout=LIMIT_S
         )

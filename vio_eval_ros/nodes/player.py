@@ -30,7 +30,7 @@ from vio_eval_ros.recordings.playback import Offer, Timed
 TICK_S = 0.01  # of /clock while no message is due
 SHORTEST_TICK_S = 0.001  # of /clock in a burst of messages
 BEHIND_S = 0.05  # a delay worth a word
-FLUSH_S = 2.0  # for subscribers to acknowledge the last messages
+FLUSH_S = 5.0  # for subscribers to acknowledge the last messages
 # A recorded depth suited the pace of the robot. This one also holds what is sent at once to catch
 # up; it takes memory only while a subscriber lags behind.
 DEPTH = 100
