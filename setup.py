@@ -8,6 +8,8 @@ from vio_eval_ros.__main__ import VERBS
 
 NAME = 'vio_eval_ros'
 IMAGES = ['Pillow']
+# permutation tests against baselines
+SCORE = ['scipy>=1.9']
 # ROS 2 Jazzy where none is installed; rclpy does not start without the second
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-rmw-fastrtps-cpp', 'ros-jazzy-common-interfaces']
 
@@ -25,6 +27,7 @@ setup(
         (f'share/{NAME}', ['package.xml']),
         (f'share/{NAME}/config', sorted(glob('config/*.*'))),
         (f'share/{NAME}/config/gates', sorted(glob('config/gates/*.yaml'))),
+        (f'share/{NAME}/config/suites', sorted(glob('config/suites/*.yaml'))),
         (f'share/{NAME}/launch', sorted(glob('launch/*.launch.py'))),
     ],
     entry_points={
@@ -38,22 +41,28 @@ setup(
         'PyYAML',
         # the first that lists topics without messages and lets go of a damaged bag
         'rosbags>=0.11.7',
+        'tabulate',
         'tqdm',
     ],
     extras_require={
         'images': IMAGES,
         'ros': ROS,
+        'score': SCORE,
         'test': [
             *IMAGES,
+            *ROS,
+            *SCORE,
             'colcon-common-extensions',
             # the oracle; its newest releases need Python 3.11
             'evo==1.38.1; python_version >= "3.11"',
             'hypothesis',
+            'jsonschema',
             'mypy',
             'pytest',
             'pytest-xdist',
             'ruff',
             'types-PyYAML',
+            'types-tabulate',
             'types-tqdm',
         ],
     },
