@@ -6,6 +6,8 @@ from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, PoseStamped
 from nav_msgs.msg import Path
 import numpy as np
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -17,14 +19,35 @@ MOST_POSES = 2000
 WIDTH_M = 0.03
 
 
+class Display:
+    """Publishes paths and errors, and keeps the last ones for those who come late."""
+
+    def __init__(self, node: Node) -> None:
+        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+        self._aligned = node.create_publisher(Path, '~/estimate_aligned', latched)
+        self._truth = node.create_publisher(Path, '~/ground_truth_path', latched)
+        self._markers = node.create_publisher(MarkerArray, '~/error_markers', latched)
+
+    def is_watched(self) -> bool:
+        """Return whether anybody has subscribed."""
+        publishers = (self._aligned, self._truth, self._markers)
+        return any(publisher.get_subscription_count() for publisher in publishers)
+
+    def show(self, pairs: Pairs, alignment: Alignment, frame: str) -> None:
+        """Publish the pairs, thinned out to at most 2000."""
+        pairs = pairs[thinned(len(pairs))]
+        self._aligned.publish(path_message(alignment.apply(pairs.estimate), frame))
+        self._truth.publish(path_message(pairs.ground_truth, frame))
+        self._markers.publish(error_markers(pairs, alignment, frame))
+
+
 def path_message(trajectory: Trajectory, frame: str) -> Path:
-    """Return a trajectory as a Path, thinned out to at most 2000 poses."""
-    thinned = trajectory[_thinned(len(trajectory))]
+    """Return a trajectory as a Path."""
     message = Path()
     message.header.frame_id = frame
-    rotations = thinned.rotations
+    rotations = trajectory.rotations
     for k, (stamp_ns, position) in enumerate(
-        zip(thinned.stamps_ns.tolist(), thinned.positions.tolist(), strict=True)
+        zip(trajectory.stamps_ns.tolist(), trajectory.positions.tolist(), strict=True)
     ):
         pose = PoseStamped()
         pose.header.frame_id = frame
@@ -41,15 +64,14 @@ def path_message(trajectory: Trajectory, frame: str) -> Path:
 
 def error_markers(pairs: Pairs, alignment: Alignment, frame: str) -> MarkerArray:
     """Return the aligned estimate as a line from green (no error) to red (the 95th percentile)."""
-    chosen = pairs[_thinned(len(pairs))]
-    errors = position_errors(chosen, alignment)
+    errors = position_errors(pairs, alignment)
     worst = max(float(np.percentile(errors, 95)), 1e-9) if len(errors) else 1.0
     marker = Marker(ns='error', type=Marker.LINE_STRIP, action=Marker.ADD)
     marker.header.frame_id = frame
     marker.scale.x = WIDTH_M
     marker.pose.orientation.w = 1.0
     for (x, y, z), share in zip(
-        alignment.positions(chosen.estimate.positions).tolist(),
+        alignment.positions(pairs.estimate.positions).tolist(),
         np.clip(errors / worst, 0, 1).tolist(),
         strict=True,
     ):
@@ -58,7 +80,7 @@ def error_markers(pairs: Pairs, alignment: Alignment, frame: str) -> MarkerArray
     return MarkerArray(markers=[marker])
 
 
-def _thinned(count: int) -> slice:
-    """Return every so manieth row, the last included."""
+def thinned(count: int) -> slice:
+    """Return every so manieth row, at most 2000 of them, the last included."""
     step = -(-count // MOST_POSES) or 1
     return slice((count - 1) % step if count else 0, None, step)

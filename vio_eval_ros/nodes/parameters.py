@@ -3,17 +3,24 @@
 from __future__ import annotations
 
 from array import array
-from dataclasses import dataclass, Field, fields
+from collections.abc import Iterable
+from dataclasses import dataclass, Field, fields, replace
+import math
 from typing import Any
 
-from rcl_interfaces.msg import ParameterDescriptor
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
+from rclpy.exceptions import ParameterException
 from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile
+from rclpy.qos_overriding_options import _declare_qos_parameters, QoSOverridingOptions
+from rclpy.subscription import Subscription
 
 from vio_eval_ros.core.config import EvaluationConfig, nearest_name, option, Options
 from vio_eval_ros.errors import ConfigError
 
-# parameters that every node understands, whatever it declares
-OF_ROS = ('use_sim_time', 'qos_overrides.', 'start_type_description_service')
+LARGEST_INTEGER = (1 << 63) - 1
+SETTABLE = ('report_dir', 'window_s', 'stale_after_s', 'exit_code_from_gates')
 
 
 @dataclass(frozen=True)
@@ -47,39 +54,80 @@ class NodeConfig(Options):
 
 def declare(node: Node) -> tuple[EvaluationConfig, NodeConfig]:
     """
-    Declare all parameters of the node and return their values.
+    Declare the options as parameters of the node and return their values.
 
-    They are read-only: a score keeps the options with which it began.
+    Those that change what a score means are read-only: it keeps the options with which it began.
 
-    :raises ConfigError: a parameter that does not exist, or a value that is not allowed.
+    :raises ConfigError: a value that is not allowed.
     """
-    known = [item.name for config in (EvaluationConfig, NodeConfig) for item in fields(config)]
+    # all are checked before any is declared, so that errors are in the words of all shells
+    evaluation, settings = _given(EvaluationConfig, node), _given(NodeConfig, node)
+    for options in (evaluation, settings):
+        for item in fields(options):
+            _declare(node, item, getattr(options, item.name))
+    return evaluation, settings
+
+
+def changed(settings: NodeConfig, parameters: Iterable[Parameter]) -> NodeConfig:
+    """
+    Return the settings with those of the parameters that may be set while the node runs.
+
+    :raises ConfigError: a value that is not allowed.
+    """
+    return replace(settings, **{p.name: p.value for p in parameters if p.name in SETTABLE})
+
+
+def override_quality(node: Node, topic: str, quality: QoSProfile) -> None:
+    """
+    Change the quality of service of a subscription to what ``qos_overrides.TOPIC`` asks for.
+
+    :raises ConfigError: a value that is not allowed.
+    """
+    policies = QoSOverridingOptions.with_default_policies()
+    try:
+        # what create_subscription does; this is before the message type is known
+        _declare_qos_parameters(Subscription, node, topic, quality, policies)
+    except (ParameterException, RuntimeError, AssertionError, ValueError) as error:
+        raise ConfigError(f'qos_overrides.{topic}: {error}') from None
+
+
+def refuse_unknown(node: Node) -> None:
+    """
+    Raise where a parameter was given that has not been declared.
+
+    :raises ConfigError: which one, and perhaps what was meant.
+    """
+    known = node.list_parameters([], 0).names
     for name in node._parameter_overrides:
-        if name not in known and not name.startswith(OF_ROS):
+        if name not in known:
             raise ConfigError(f"there is no parameter '{name}'{nearest_name(name, known)}")
-    return (
-        EvaluationConfig.from_mapping(_values(node, EvaluationConfig)),
-        NodeConfig.from_mapping(_values(node, NodeConfig)),
-    )
 
 
-def _values(node: Node, config: type[Options]) -> dict[str, Any]:
-    return {
-        item.name: _declare(node, item, getattr(config(), item.name)) for item in fields(config)
-    }
+def _given(config: type[Options], node: Node) -> Any:
+    values = {}
+    for item in fields(config):  # type: ignore[arg-type]
+        if item.name in node._parameter_overrides:
+            value = node._parameter_overrides[item.name].value
+            # None is what an empty list in a parameter file arrives as
+            listed = value is None or isinstance(value, array)
+            values[item.name] = list(value or ()) if listed else value
+    return config.from_mapping(values)
 
 
-def _declare(node: Node, item: Field[Any], default: Any) -> Any:
-    choices = item.metadata['choices']
+def _declare(node: Node, item: Field[Any], value: Any) -> None:
+    choices, minimum = item.metadata['choices'], item.metadata['minimum']
     descriptor = ParameterDescriptor(
         description=item.metadata['description'],
         additional_constraints=f'one of {", ".join(choices)}' if choices else '',
-        read_only=True,
-        # so that 1 will do for 1.0; what is not allowed is rejected in the words of all shells
-        dynamic_typing=True,
+        read_only=item.name not in SETTABLE,
+        # so that 1 will do for 1.0
+        dynamic_typing=item.name in SETTABLE,
     )
-    default = list(default) if isinstance(default, tuple) else default
-    value = node.declare_parameter(item.name, default, descriptor).value
-    if value is None:  # what an empty list in a parameter file arrives as
-        return default
-    return list(value) if isinstance(value, (tuple, array)) else value
+    if minimum is not None and isinstance(value, int):
+        descriptor.integer_range = [IntegerRange(from_value=minimum, to_value=LARGEST_INTEGER)]
+    elif minimum is not None:
+        descriptor.floating_point_range = [
+            FloatingPointRange(from_value=minimum, to_value=math.inf)
+        ]
+    value = list(value) if isinstance(value, tuple) else value
+    node.declare_parameter(item.name, value, descriptor, ignore_override=True)

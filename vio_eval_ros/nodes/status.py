@@ -9,12 +9,18 @@ from typing import TYPE_CHECKING
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from vio_eval_ros.core.gates import judge
+from vio_eval_ros.recordings.messages import CONVERTERS
 from vio_eval_ros.reports.text import number
 
 if TYPE_CHECKING:
     from vio_eval_ros.nodes.evaluator_node import Evaluator
+    from vio_eval_ros.nodes.stream import Stream
+
+OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
+ERROR, STALE = DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 
 LOW_COVERAGE = 0.9
+MANY_DROPPED = 0.01
 DIVERGED_FACTOR = 10.0
 DIVERGED_M = 10.0
 
@@ -37,22 +43,23 @@ def _status(
 
 
 def _accuracy(node: Evaluator) -> DiagnosticStatus:
-    level, message = DiagnosticStatus.OK, 'running'
-    values = {name: value for name, value in node.values.items() if name != 'coverage_ratio'}
-    if not values.get('pairs'):
-        return _status('accuracy', DiagnosticStatus.WARN, 'no pairs yet', values)
+    level, message = OK, 'running'
+    elsewhere = ('coverage_ratio', 'matched_ratio')
+    values = {name: value for name, value in node.values.items() if name not in elsewhere}
     gates = [gate for gate in node.gates if gate.metric in values]
     broken = [verdict for verdict in judge(gates, values) if not verdict.passed]
-    if diverged(node.window, node.run.estimate_path_m(node.settings.window_s)):
-        level, message = DiagnosticStatus.ERROR, 'the estimate has diverged'
+    if not values.get('pairs'):
+        level, message = WARN, 'no pairs yet'
+    elif _diverged(node):
+        level, message = ERROR, 'the estimate has diverged'
     elif broken:
         gate, value, _ = broken[0]
-        level, message = DiagnosticStatus.ERROR, f'gate {gate} is broken: {number(value)}'
+        level, message = ERROR, f'gate {gate} is broken: {number(value)}'
     elif math.isnan(values['ate_trans_rmse_m']):
-        level, message = DiagnosticStatus.WARN, 'the alignment is not determined yet'
-    if node.note:
-        level = max(level, DiagnosticStatus.WARN)
-        message = f'{message}; {node.note}'
+        level, message = WARN, 'the alignment is not determined yet'
+    troubles = [trouble for trouble in (node.problem, node.unwritten) if trouble]
+    if troubles:
+        level, message = max(level, WARN), '; '.join([message, *troubles])
     return _status('accuracy', level, message, values)
 
 
@@ -64,26 +71,57 @@ def _association(node: Evaluator) -> DiagnosticStatus:
         'coverage_ratio': coverage,
         'matched_ratio': node.values.get('matched_ratio', math.nan),
     }
+    poor = []
     for name, stream in (
         ('estimate', associator.estimate),
         ('ground_truth', associator.ground_truth),
     ):
+        dropped = stream.counts.dropped
         values[f'{name}_poses'] = stream.used
-        values |= {f'{name}_{reason}': n for reason, n in stream.counts.dropped.items()}
-    if node.values and not node.values['pairs']:
-        return _status(
-            'association', DiagnosticStatus.WARN, node.run.evaluation.no_pairs(), values
-        )
-    if not node.values:
-        return _status('association', DiagnosticStatus.WARN, node.run.waiting_for(), values)
+        values |= {f'{name}_{reason}': count for reason, count in dropped.items()}
+        if sum(dropped.values()) > MANY_DROPPED * (stream.used + sum(dropped.values())):
+            reasons = [f'{n} {reason.replace("_", "-")}' for reason, n in dropped.items() if n]
+            poor.append(f'{name.replace("_", " ")}: dropped {", ".join(reasons)}')
+    if not values['pairs']:
+        return _status('association', WARN, _no_pairs(node), values)
     if coverage < LOW_COVERAGE:
-        message = f'only {100 * coverage:.1f} % of the ground truth was tracked'
-        return _status('association', DiagnosticStatus.WARN, message, values)
-    return _status('association', DiagnosticStatus.OK, 'running', values)
+        poor.insert(0, f'only {100 * coverage:.1f} % of the ground truth was tracked')
+    if poor:
+        return _status('association', WARN, '; '.join(poor), values)
+    return _status('association', OK, 'running', values)
+
+
+def _no_pairs(node: Evaluator) -> str:
+    """Return why there is no pair, with what has arrived of both streams."""
+    associator = node.run.evaluation.associator
+    sides = (associator.estimate, associator.ground_truth)
+    dropped = [sum(side.counts.dropped.values()) - side.counts.overflow for side in sides]
+    if all(side.used or count for side, count in zip(sides, dropped, strict=True)):
+        return node.run.evaluation.no_pairs()
+    message = f'no pairs yet: {node.run.waiting_for()}'
+    unstamped = [stream.topic for stream in node.streams if stream.runs.unstamped]
+    if unstamped:
+        return f'{message}; {" and ".join(unstamped)} stamped 0: is there a /clock?'
+    return f'{message}; are the clocks the same?' if _apart(node) else message
+
+
+def _apart(node: Evaluator) -> bool:
+    """Return whether both streams have arrived, and have no time in common."""
+    offset_ns = round(node.config.time_offset_s * 1e9)
+    estimate = node.estimate.runs
+    begin_ns, end_ns = estimate.oldest_ns + offset_ns, estimate.newest_ns + offset_ns
+    if node.truth is not None:
+        stamps_ns = node.truth.poses.stamps_ns
+        first_ns, last_ns = int(stamps_ns.min()), int(stamps_ns.max())
+    else:
+        truth = node.streams[1].runs
+        first_ns, last_ns = truth.oldest_ns, truth.newest_ns
+    arrived = begin_ns < end_ns and first_ns < last_ns
+    return arrived and (begin_ns > last_ns or end_ns < first_ns)
 
 
 def _streams(node: Evaluator) -> DiagnosticStatus:
-    values: dict[str, object] = {}
+    values: dict[str, object] = {'run': node.run_number}
     problems, stale = [], []
     for stream in node.streams:
         values |= {
@@ -92,32 +130,78 @@ def _streams(node: Evaluator) -> DiagnosticStatus:
             f'{stream.name}_publishers': stream.publishers,
             f'{stream.name}_received': stream.received,
             f'{stream.name}_lost': stream.lost,
+            f'{stream.name}_undecodable': stream.undecodable,
             f'{stream.name}_incompatible_qos': stream.incompatible,
-            f'{stream.name}_left_over': stream.left_over,
         }
-        if stream.trouble:
-            problems.append(stream.trouble)
-        elif not stream.received:
-            problems.append(f'nothing received on {stream.topic}')
-        elif stream.silent_s() > node.settings.stale_after_s:
-            stale.append(f'nothing on {stream.topic} for {stream.silent_s():.0f} s')
+        problems += _problems(stream)
+        if stream.received and stream.silent_s() > node.settings.stale_after_s:
+            gone = '' if stream.publishers else ', and nobody publishes it'
+            stale.append(f'nothing on {stream.topic} for {stream.silent_s():.0f} s{gone}')
+    jumped = [f'{s.topic} {s.runs.jumps[0]}' for s in node.streams if s.runs.jumps]
+    problems += [f'{jump}: waiting for the other stream to do so' for jump in jumped]
+    if node.clock_jumped_s < math.inf:
+        problems.append('the clock jumped back: waiting for the streams to do so')
     if problems:
-        return _status('streams', DiagnosticStatus.WARN, '; '.join(problems + stale), values)
+        return _status('streams', WARN, '; '.join(problems + stale), values)
     if stale:
-        return _status('streams', DiagnosticStatus.STALE, '; '.join(stale), values)
-    return _status('streams', DiagnosticStatus.OK, 'running', values)
+        return _status('streams', STALE, '; '.join(stale), values)
+    return _status('streams', OK, 'running', values)
+
+
+def _problems(stream: Stream) -> list[str]:
+    """Return what is wrong with a stream and its publishers."""
+    problems = [_publishers(stream)]
+    if stream.incompatibility:
+        problems.append(f'incompatible QoS on {stream.topic}: {stream.incompatibility}')
+    if stream.undecodable:
+        problems.append(f'{stream.undecodable} messages on {stream.topic} are no {stream.msgtype}')
+    if stream.lost:
+        problems.append(f'{stream.lost} messages on {stream.topic} were lost')
+    problems = [problem for problem in problems if problem]
+    if problems or stream.received:
+        return problems
+    return [f'{"nothing received on" if stream.publishers else "nobody publishes"} {stream.topic}']
+
+
+def _publishers(stream: Stream) -> str:
+    """Return what is wrong with the number or the types of the publishers."""
+    listed = ' and '.join(stream.published_types)
+    scorable = [msgtype for msgtype in stream.published_types if msgtype in CONVERTERS]
+    if listed and not scorable:
+        return f'{stream.topic} carries {listed}, which has no pose that can be scored'
+    if len(scorable) > 1 and not stream.msgtype:
+        return f'{stream.topic} is published as {listed}; set {stream.name}_type to one of them'
+    if scorable and stream.msgtype not in scorable:
+        return f'{stream.topic} is published as {listed}, not {stream.msgtype}'
+    if len(stream.published_types) > 1:
+        return f'{stream.topic} is published as {listed}; only {stream.msgtype} is read'
+    if stream.publishers > 1:
+        return f'{stream.publishers} publishers on {stream.topic}: their poses are mixed'
+    return ''
 
 
 def _diagnosis(node: Evaluator) -> DiagnosticStatus:
     jump = node.run.jump
-    values = {} if jump is None else {'jump_stamp_ns': jump[0], 'jump_m': jump[1]}
-    if jump is None:
-        return _status('diagnosis', DiagnosticStatus.OK, 'nothing unusual', values)
-    message = f'the estimate jumped by {number(jump[1])} m at {jump[0] / 1e9:.3f} s'
-    return _status('diagnosis', DiagnosticStatus.WARN, message, values)
+    if jump is not None:
+        message = f'the estimate jumped by {number(jump[1])} m at {jump[0] / 1e9:.3f} s'
+        values = {'jump_stamp_ns': jump[0], 'jump_m': jump[1]}
+        return _status('diagnosis', WARN, message, values)
+    if node.began_as:
+        message = f'run {node.run_number} began as {node.began_as}'
+        return _status('diagnosis', OK, message, {})
+    return _status('diagnosis', OK, 'nothing unusual', {})
 
 
-def diverged(window: Mapping[str, float], estimate_path_m: float) -> bool:
-    """Return whether the estimate moved far more in the window than the ground truth did."""
-    truth_path_m = window.get('path_length_m', math.nan)
-    return estimate_path_m > DIVERGED_FACTOR * truth_path_m + DIVERGED_M
+def _diverged(node: Evaluator) -> bool:
+    """
+    Return whether the estimate has left the ground truth for good.
+
+    Either it moved far more in the window than the ground truth did, or its error is far larger
+    than the extent of the ground truth.
+    """
+    scale = node.run.evaluation.aligned()[1].scale
+    moved_m = scale * node.run.estimate_path_m(node.settings.window_s)
+    return moved_m > DIVERGED_FACTOR * node.window['path_length_m'] + DIVERGED_M or (
+        node.values['ate_extent_ratio'] > DIVERGED_FACTOR
+        and node.values['ate_trans_rmse_m'] > DIVERGED_M
+    )

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections import deque
+from collections.abc import Iterator
 import importlib
 import time
 from typing import Any
@@ -10,12 +12,12 @@ from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import qos_check_compatible, QoSCompatibility, QoSProfile, ReliabilityPolicy
-from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
 
-from vio_eval_ros.core.association import BEFORE_ALL
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.nodes.parameters import override_quality
+from vio_eval_ros.nodes.runs import JUMP_BACK_NS, RunQueue
 from vio_eval_ros.recordings import cdr
 from vio_eval_ros.recordings.messages import collect, CONVERTERS, PATH, PathRevisions, poses
 
@@ -48,46 +50,60 @@ class Stream:
 
     :param name: ``estimate`` or ``ground_truth``; remap it to the topic.
     :param msgtype: its message type; empty finds it out from the publishers.
-    :raises ConfigError: a message type without poses, or one that is not installed.
+    :raises ConfigError: a message type without poses, or a quality of service that does not exist.
     """
 
     def __init__(self, node: Node, name: str, msgtype: str) -> None:
         self.name = name
         self.topic = node.resolve_topic_name(name)
         self.msgtype = msgtype
+        self.published_types: list[str] = []
         self.frame = 'world'
-        self.trouble = ''
         self.publishers = 0
         self.received = 0
         self.lost = 0
         self.incompatible = 0
-        self.left_over = 0
-        self.newest_ns = BEFORE_ALL
-        self.ignore_from_ns: int | None = None
-        self.path: PathRevisions | None = None
+        self.incompatibility = ''
+        self.undecodable = 0
+        self.runs = RunQueue()
         self._node = node
+        self._quality = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._raw: list[bytes] = []
+        self._paths: deque[PathRevisions] = deque()  # of this run and those that follow
+        self._path_newest_ns = 0
         self._class: Any = None
         self._subscription: Any = None
         self._last_received = time.monotonic()
+        override_quality(node, self.topic, self._quality)
         if msgtype:
-            self._subscribe()
+            self._subscribe(msgtype)
+
+    @property
+    def path(self) -> PathRevisions | None:
+        """What the Path messages of the run said, where it is of Paths."""
+        return self._paths[0] if self._paths else None
 
     def discover(self) -> None:
         """Look at the publishers; subscribe as soon as their type is known."""
-        found = self._node.get_publishers_info_by_topic(self.topic)
+        # its name, since a name that is resolved would be remapped once more
+        found = self._node.get_publishers_info_by_topic(self.name)
         self.publishers = len(found)
-        types = sorted({info.topic_type for info in found})
-        self.trouble = self._trouble_with(types)
-        if self._subscription is None and len(types) == 1 and not self.trouble:
-            self.msgtype = types[0]
-            self._subscribe()
-        if self._subscription is not None and not self.trouble:
-            profile = self._subscription.qos_profile
-            for info in found:
-                verdict, reason = qos_check_compatible(info.qos_profile, profile)
-                if verdict == QoSCompatibility.ERROR:
-                    self.trouble = f'incompatible QoS on {self.topic}: {" ".join(reason.split())}'
+        self.published_types = sorted({info.topic_type for info in found})
+        scorable = [msgtype for msgtype in self.published_types if msgtype in CONVERTERS]
+        if self._subscription is None and len(scorable) == 1:
+            self._subscribe(scorable[0])
+        self.incompatibility = ''
+        for info in found:
+            verdict, reason = qos_check_compatible(info.qos_profile, self._quality)
+            if verdict == QoSCompatibility.ERROR:
+                self.incompatibility = ' '.join(reason.split()).removeprefix('ERROR: ').rstrip(';')
+
+    def read(self) -> None:
+        """Take all messages that have arrived, and hand their poses to ``runs``."""
+        self.drain()
+        arrived = self.decode()
+        if arrived is not None:
+            self.runs.add(arrived)
 
     def drain(self) -> None:
         """Take all messages that have arrived."""
@@ -110,56 +126,70 @@ class Stream:
         if not raw:
             return None
         if self.frame == 'world':
-            header = deserialize_message(raw[0], self._class).header
-            self.frame = header.frame_id or 'world'
+            first = next(self._messages(raw), None)
+            self.frame = (first and first.header.frame_id) or 'world'
         if self.msgtype == PATH:
             return self._of_paths(raw)
         columns = cdr.decode(self.msgtype, raw, ros1=False)
         if columns is not None:
             return poses(*columns)
-        return collect(self.msgtype, (deserialize_message(one, self._class) for one in raw))
+        return self._collected(raw)
 
     def silent_s(self) -> float:
         """Return for how long nothing has come."""
         return time.monotonic() - self._last_received
 
-    def restart(self) -> None:
-        """Expect the stream to begin again; what is still under way from before is left over."""
-        self.ignore_from_ns = self.newest_ns if self.newest_ns != BEFORE_ALL else None
-        self.newest_ns = BEFORE_ALL
-        self.path = None
+    def next_run(self) -> None:
+        """Go on to the next run."""
+        self.runs.next_run()
+        if self._paths:
+            self._paths.popleft()
 
     def _of_paths(self, raw: list[bytes]) -> Poses:
         """Return the poses as first published; ``path`` knows how they were revised since."""
-        if self.path is None:
-            self.path = PathRevisions(self.topic)
         new = []
         for message in raw:
             columns = cdr.decode_path(message, ros1=False)
-            revision = (
-                poses(*columns)
-                if columns is not None
-                else collect(PATH, [deserialize_message(message, self._class)])
-            )
-            new.append(self.path.add(revision))
+            revision = poses(*columns) if columns else self._collected([message])
+            newest_ns = int(revision.stamps_ns.max(initial=0))  # 0 where it is empty
+            if not self._paths or 0 < newest_ns < self._path_newest_ns - JUMP_BACK_NS:
+                self._paths.append(PathRevisions(self.topic))
+                self._path_newest_ns = 0
+            self._path_newest_ns = max(self._path_newest_ns, newest_ns)
+            new.append(self._paths[-1].add(revision))
         return Poses.concatenate(new)
 
-    def _subscribe(self) -> None:
-        if self.msgtype not in CONVERTERS:
+    def _collected(self, raw: list[bytes]) -> Poses:
+        """Return the poses of messages one by one, without those that are not of their type."""
+        messages = list(self._messages(raw))
+        self.undecodable += len(raw) - len(messages)
+        return collect(self.msgtype, messages)
+
+    def _messages(self, raw: list[bytes]) -> Iterator[Any]:
+        """Yield the messages, but for those that are not what their type says."""
+        for one in raw:
+            try:
+                message = deserialize_message(one, self._class)
+            except RuntimeError:  # the middleware's
+                continue
+            yield message
+
+    def _subscribe(self, msgtype: str) -> None:
+        if msgtype not in CONVERTERS:
             raise ConfigError(
-                f'{self.name}_type: {self.msgtype} carries no pose; types that do are '
+                f'{self.name}_type: {msgtype} carries no pose; types that do are '
                 f'{", ".join(CONVERTERS)}'
             )
-        package, _, name = self.msgtype.split('/')
+        self.msgtype = msgtype
+        package, _, name = msgtype.split('/')
         self._class = getattr(importlib.import_module(f'{package}.msg'), name)
         self._subscription = self._node.create_subscription(
             self._class,
-            self.topic,
+            self.name,
             lambda message: None,
-            QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT),
+            self._quality,
             callback_group=Polled(),
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
-            qos_overriding_options=QoSOverridingOptions.with_default_policies(),
             raw=True,
         )
         events = SubscriptionEventCallbacks(
@@ -175,14 +205,3 @@ class Stream:
 
     def _on_lost(self, event: Any) -> None:
         self.lost = event.total_count
-
-    def _trouble_with(self, types: list[str]) -> str:
-        if len(types) > 1:
-            return f'publishers of different types on {self.topic}: {" and ".join(types)}'
-        if types and self.msgtype and types[0] != self.msgtype:
-            return f'{self.topic} is published as {types[0]}, not {self.msgtype}'
-        if types and types[0] not in CONVERTERS:
-            return f'{self.topic} carries {types[0]}, which has no pose that can be scored'
-        if self.publishers > 1:
-            return f'{self.publishers} publishers on {self.topic}: their poses are mixed'
-        return ''
