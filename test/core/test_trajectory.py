@@ -120,7 +120,7 @@ def test_the_log_returns_all_pairs_in_order_whatever_the_batches(sizes):
             Trajectory(np.arange(count), rng.normal(size=(count, 3)), rng.normal(size=(count, 4)))
             for _ in range(2)
         ),
-        rng.normal(size=(count, 4)),
+        rng.normal(size=(count, 2, 6)).astype(np.float32),
     )
     log, begin = PairLog(), 0
     for size in sizes:
@@ -130,6 +130,7 @@ def test_the_log_returns_all_pairs_in_order_whatever_the_batches(sizes):
         assert len(read) == begin
     if count:
         np.testing.assert_array_equal(read.turns, whole.turns)
+        np.testing.assert_array_equal(read.deviations, whole.deviations)
         np.testing.assert_array_equal(read.estimate.stamps_ns, whole.estimate.stamps_ns)
         np.testing.assert_array_equal(read.ground_truth.positions, whole.ground_truth.positions)
         np.testing.assert_array_equal(read.ground_truth.rotations, whole.ground_truth.rotations)

@@ -245,12 +245,17 @@ def test_positions_that_a_lever_arm_cannot_be_taken_from_are_a_clear_problem(
     assert problem in node.stop(status=2)
 
 
-def test_a_broken_gate_is_an_error_and_the_exit_status(graph, ros, evaluator, flight, tmp_path):
+@pytest.mark.parametrize(
+    ('limits', 'level', 'status'), [('max: 0.001', 'ERROR', 1), ('max: 1, warn: 0.001', 'WARN', 0)]
+)
+def test_a_broken_gate_is_told_and_decides(
+    graph, ros, evaluator, flight, tmp_path, limits, level, status
+):
     gates = tmp_path / 'gates.yaml'
-    gates.write_text('ate_trans_rmse_m: {max: 0.001}')
+    gates.write_text(f'ate_trans_rmse_m: {{{limits}}}')
     node = evaluator(f'gates_file:={gates}', 'exit_code_from_gates:=true')
     estimate, truth = graph.both()
     ros.send(estimate, flight.estimate)
     ros.send(truth, flight.ground_truth)
-    graph.wait_for('accuracy', 'ERROR', 'gate ate_trans_rmse_m<=0.001 is broken: 0.038')
-    node.stop(status=1)
+    graph.wait_for('accuracy', level, 'gate ate_trans_rmse_m<=0.001 is broken: 0.038')
+    node.stop(status)

@@ -29,7 +29,6 @@ ALWAYS_ALIGNED = ('none', 'posyaw', 'se3', 'sim3')
 RPE_KINDS = {'trans': 'm', 'rot': 'deg', 'disp': 'm', 'dist': 'm'}
 DELTA_TOLERANCE = 0.1
 SEGMENT_STEP = 10
-SINGULAR = 1e-12
 MAX_GAIN = 1.05
 KITTI_LENGTHS_M = tuple(range(100, 900, 100))
 
@@ -96,11 +95,12 @@ def position_errors(pairs: Pairs, alignment: Alignment) -> np.ndarray:
 
 def rotation_errors(pairs: Pairs, alignment: Alignment) -> np.ndarray:
     """Return the (N,) degrees of (R R_e)ᵀ R_g; NaN without orientations or a known R."""
-    if pairs.turns is None or not alignment.observable:
+    turns = pairs.turns
+    if turns is None or not alignment.observable:
         return np.full(len(pairs), math.nan)
     errors = np.empty(len(pairs))
     for part in blocks(len(pairs)):
-        errors[part] = rotation.angle_between(pairs.turns[part], alignment.rotation)
+        errors[part] = rotation.angle_between(turns[part], alignment.rotation)
     return np.degrees(errors)
 
 
@@ -134,14 +134,14 @@ class Ate(Metric):
 
     def _rotation_rmse(self, run: Run) -> float:
         """Return the RMSE of angles; their moments are taken anew where R has turned too far."""
-        turns, turn, known = run.pairs.turns, run.alignment.rotation, self._angles
-        if turns is None or not run.alignment.observable:
+        pairs, turn, known = run.pairs, run.alignment.rotation, self._angles
+        if not pairs.oriented or not run.alignment.observable:
             return math.nan
         if known is not None:
-            new = turns[len(turns) - (run.log.count - known.count) :]
-            known = known.merge(AngleMoments.of(new, known.reference))
+            new = pairs[len(pairs) - (run.log.count - known.count) :]
+            known = known.merge(AngleMoments.of(new.turns, known.reference))  # type: ignore[arg-type]
         if known is None or not (known.holds(turn) or run.log.dropped):
-            known = AngleMoments.of(turns, turn)
+            known = AngleMoments.of(pairs.turns, turn)  # type: ignore[arg-type]
         self._angles = known
         return math.degrees(math.sqrt(known.mean_square(turn)))
 
@@ -513,7 +513,7 @@ class Nees(Metric):
         estimate, turns = run.sample.estimate, run.sample.turns
         position = orientation = math.nan
         if (
-            estimate.covariances is not None
+            run.sample.deviations is not None
             and run.alignment.observable
             and run.alignment.scale > 0
         ):
@@ -529,19 +529,20 @@ class Nees(Metric):
         return {'nees_position_mean': position, 'nees_orientation_mean': orientation}
 
     def _mean(self, name: str, run: Run, errors: np.ndarray, block: int) -> float:
-        """Return the mean over the pairs whose covariance is positive definite."""
-        covariances = run.sample.estimate.covariances[:, block]  # type: ignore[index]
-        usable = np.isfinite(covariances).all(axis=(1, 2))
-        variances = np.linalg.eigvalsh(covariances[usable])
-        usable[usable] = variances[:, 0] > SINGULAR * variances[:, 2]
-        if usable.any() and not usable.all():
+        """Return the mean of |L⁻¹ e|² over the pairs with a positive definite covariance L Lᵀ."""
+        deviations = run.sample.deviations_or_nan()[:, block].astype(float)
+        usable = ~np.isnan(deviations[:, 0])
+        unusable = len(usable) - int(np.count_nonzero(usable))
+        if 0 < unusable < len(usable):
             run.warnings.append(
-                f'nees_{name}: {np.count_nonzero(~usable)} of {len(usable)} '
-                'covariances are not positive definite and left out'
+                f'nees_{name}: {unusable} of {len(usable)} covariances are not positive definite '
+                'and left out'
             )
-        errors = errors[usable]
-        weighted = np.linalg.solve(covariances[usable], errors[..., None])[..., 0]
-        return _mean(np.sum(errors * weighted, axis=1))
+        (xx, yx, yy, zx, zy, zz), e = deviations[usable].T, errors[usable].T
+        x = e[0] / xx
+        y = (e[1] - yx * x) / yy
+        z = (e[2] - zx * x - zy * y) / zz
+        return _mean(x**2 + y**2 + z**2)
 
 
 class Coverage(Metric):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 import copy
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
@@ -17,6 +18,7 @@ MIN_QUATERNION_NORM = 1e-6
 UNIT_QUATERNION_TOLERANCE = 1e-2
 LARGEST = 1e100
 BLOCK_ROWS = 1 << 13
+SINGULAR = 1e-12
 COLUMNS = ('stamps_ns', 'positions', 'rotations', 'covariances')
 
 
@@ -117,27 +119,38 @@ class Pairs:
     Associated poses: row k of all columns belongs together.
 
     :param estimate: N poses; stamps include the configured time offset.
-    :param ground_truth: N poses; where they were interpolated, at the estimate's stamps. Its
-        covariances are not kept.
-    :param turns: (N, 4) quaternions of A = R_g R_eᵀ, from the estimated to the true orientation;
-        None where either is unknown.
+    :param ground_truth: N poses; where they were interpolated, at the estimate's stamps.
+    :param deviations: (N, 2, 6) float32, the lower triangles L of the estimate's covariances L Lᵀ
+        (position, orientation), to seven digits; NaN where one is not positive definite, None
+        where there are none. The trajectories have no covariances any more.
     """
 
     estimate: Trajectory
     ground_truth: Trajectory
-    turns: np.ndarray | None
+    deviations: np.ndarray | None = None
 
     @classmethod
     def of(cls, estimate: Trajectory, ground_truth: Trajectory) -> Pairs:
         """Return the pairs of N estimated and N true poses."""
-        ground_truth = replace(ground_truth, covariances=None)
-        if estimate.rotations is None or ground_truth.rotations is None:
-            return cls(estimate, ground_truth, None)
+        covariances = estimate.covariances
         return cls(
-            estimate,
-            ground_truth,
-            rotation.multiply(ground_truth.rotations, rotation.conjugate(estimate.rotations)),
+            replace(estimate, covariances=None),
+            replace(ground_truth, covariances=None),
+            None if covariances is None else _deviations(covariances),
         )
+
+    @property
+    def oriented(self) -> bool:
+        """Whether the orientations of both sides are known."""
+        return self.estimate.rotations is not None and self.ground_truth.rotations is not None
+
+    @cached_property
+    def turns(self) -> np.ndarray | None:
+        """(N, 4) quaternions of A = R_g R_eᵀ, from the estimated to the true orientation."""
+        estimate, truth = self.estimate.rotations, self.ground_truth.rotations
+        if estimate is None or truth is None:
+            return None
+        return rotation.multiply(truth, rotation.conjugate(estimate))
 
     def __len__(self) -> int:
         """Return the number of pairs."""
@@ -145,16 +158,30 @@ class Pairs:
 
     def __getitem__(self, index: Any) -> Pairs:
         """Return the pairs that a slice, mask or index array selects."""
-        return Pairs(
-            self.estimate[index],
-            self.ground_truth[index],
-            None if self.turns is None else self.turns[index],
-        )
+        deviations = None if self.deviations is None else self.deviations[index]
+        return Pairs(self.estimate[index], self.ground_truth[index], deviations)
+
+    def deviations_or_nan(self) -> np.ndarray:
+        """Return the (N, 2, 6) deviations, NaN where the estimate has no covariances."""
+        if self.deviations is not None:
+            return self.deviations
+        return np.full((len(self), 2, 6), np.nan, np.float32)
 
     @classmethod
     def empty(cls) -> Pairs:
         """Return no pairs."""
         return cls.of(Trajectory.empty(), Trajectory.empty())
+
+
+def _deviations(covariances: np.ndarray) -> np.ndarray:
+    """Return the (N, 2, 6) lower triangles of (N, 2, 3, 3) covariances that are usable."""
+    deviations = np.full((*covariances.shape[:2], 6), np.nan, np.float32)
+    usable = np.isfinite(covariances).all(axis=(2, 3))
+    variances = np.linalg.eigvalsh(covariances[usable])
+    usable[usable] = variances[:, 0] > SINGULAR * variances[:, 2]
+    row, column = np.tril_indices(3)
+    deviations[usable] = np.linalg.cholesky(covariances[usable])[:, row, column]
+    return deviations
 
 
 class PairLog:
@@ -181,10 +208,13 @@ class PairLog:
         if not len(pairs):
             return
         if self._kept:
+            deviations = self._pairs.deviations
+            if deviations is None and pairs.deviations is not None:
+                deviations = self._pairs.deviations_or_nan()
             self._pairs = Pairs(
                 self._longer(self._pairs.estimate, pairs.estimate),
                 self._longer(self._pairs.ground_truth, pairs.ground_truth),
-                self._grown(self._pairs.turns, pairs.turns),
+                None if deviations is None else self._grown(deviations, pairs.deviations_or_nan()),
             )
         else:
             self._pairs = pairs
@@ -234,14 +264,10 @@ class PairLog:
         self._kept = len(self._pairs)
 
     def _longer(self, trajectory: Trajectory, new: Trajectory) -> Trajectory:
-        covariances = trajectory.covariances
-        if covariances is None and new.covariances is not None:
-            covariances = trajectory.covariances_or_nan()
         return Trajectory(
             self._grown(trajectory.stamps_ns, new.stamps_ns),
             self._grown(trajectory.positions, new.positions),
             self._grown(trajectory.rotations, new.rotations),
-            None if covariances is None else self._grown(covariances, new.covariances_or_nan()),
         )
 
     def _grown(self, column: Any, new: np.ndarray | None) -> Any:

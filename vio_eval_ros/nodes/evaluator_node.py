@@ -11,12 +11,14 @@ from collections.abc import Callable, Mapping
 import math
 from pathlib import Path
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 import rclpy
 from rclpy.clock import Clock, ClockType, JumpThreshold
 from rclpy.duration import Duration
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.logging import LoggingSeverity, set_logger_level
@@ -75,6 +77,11 @@ class Evaluator(Node):
         self._create_outputs()
         self._create_timers()
         self.add_on_set_parameters_callback(self._set_parameters)
+
+    def create_publisher(self, *given: Any, **options: Any) -> Publisher:
+        """Create a publisher without handlers of events: each would cost at every wake-up."""
+        without = PublisherEventCallbacks(use_default_callbacks=False)
+        return super().create_publisher(*given, **{'event_callbacks': without, **options})
 
     @property
     def frame(self) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from vio_eval_ros.core.gates import judge
+from vio_eval_ros.core.gates import judge, SEVERITIES
 from vio_eval_ros.recordings.messages import CONVERTERS
 from vio_eval_ros.reports.text import number
 
@@ -46,15 +46,20 @@ def _accuracy(node: Evaluator) -> DiagnosticStatus:
     level, message = OK, 'running'
     elsewhere = ('coverage_ratio', 'matched_ratio')
     values = {name: value for name, value in node.values.items() if name not in elsewhere}
-    gates = [gate for gate in node.gates if gate.metric in values]
-    broken = [verdict for verdict in judge(gates, values) if not verdict.passed]
+    gates = [gate for gate in node.gates if gate.metric in node.values]
+    # those that fail before those that warn
+    broken = sorted(
+        (verdict for verdict in judge(gates, node.values) if not verdict.passed),
+        key=lambda verdict: SEVERITIES.index(verdict.word),
+    )
     if not values.get('pairs'):
         level, message = WARN, 'no pairs yet'
     elif _diverged(node):
         level, message = ERROR, 'the estimate has diverged'
     elif broken:
         gate, value, _ = broken[0]
-        level, message = ERROR, f'gate {gate} is broken: {number(value)}'
+        level = ERROR if gate.severity == 'fail' else WARN
+        message = f'gate {gate} is broken: {number(value)}'
     elif math.isnan(values['ate_trans_rmse_m']):
         level, message = WARN, 'the alignment is not determined yet'
     troubles = [trouble for trouble in (node.problem, node.unwritten) if trouble]

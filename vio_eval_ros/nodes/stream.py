@@ -4,12 +4,18 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator
+from contextlib import suppress
 import importlib
 import time
 from typing import Any
 
 from rclpy.callback_groups import CallbackGroup
-from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.event_handler import (
+    QoSSubscriptionEventType,
+    SubscriptionEventCallbacks,
+    UnsupportedEventTypeError,
+)
+from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.qos import qos_check_compatible, QoSCompatibility, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
@@ -22,7 +28,11 @@ from vio_eval_ros.recordings import cdr
 from vio_eval_ros.recordings.messages import collect, CONVERTERS, PATH, PathRevisions, poses
 
 # more than any sensor sends between two looks
-DEPTH = 5000
+DEPTH = 20_000
+COUNTED = {
+    'incompatible': QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
+    'lost': QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST,
+}
 
 
 class Polled(CallbackGroup):
@@ -73,6 +83,7 @@ class Stream:
         self._path_newest_ns = 0
         self._class: Any = None
         self._subscription: Any = None
+        self._events: dict[str, Any] = {}
         self._last_received = time.monotonic()
         override_quality(node, self.topic, self._quality)
         if msgtype:
@@ -84,7 +95,8 @@ class Stream:
         return self._paths[0] if self._paths else None
 
     def discover(self) -> None:
-        """Look at the publishers; subscribe as soon as their type is known."""
+        """Look at the publishers and at what was lost; subscribe when the type is known."""
+        self._count_events()
         # its name, since a name that is resolved would be remapped once more
         found = self._node.get_publishers_info_by_topic(self.name)
         self.publishers = len(found)
@@ -192,16 +204,14 @@ class Stream:
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=True,
         )
-        events = SubscriptionEventCallbacks(
-            incompatible_qos=self._on_incompatible, message_lost=self._on_lost
-        )
-        for handler in events.create_event_handlers(
-            self._node.default_callback_group, self._subscription.handle, self.topic
-        ):
-            self._node.add_waitable(handler)
+        with suppress(UnsupportedEventTypeError):  # not all middlewares count
+            for name, event in COUNTED.items():
+                self._events[name] = _rclpy.EventHandle(self._subscription.handle, event)
 
-    def _on_incompatible(self, event: Any) -> None:
-        self.incompatible = event.total_count
-
-    def _on_lost(self, event: Any) -> None:
-        self.lost = event.total_count
+    def _count_events(self) -> None:
+        # asked for, since with an event in the wait set every message would wake the executor
+        for name, event in self._events.items():
+            with event:
+                status = event.take_event()
+            if status is not None:
+                setattr(self, name, status.total_count)
