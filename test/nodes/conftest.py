@@ -64,6 +64,7 @@ class Process:
             stderr=subprocess.STDOUT,
             text=True,
         )
+        self.has_ended = False
 
     def tell(self, number: int) -> None:
         """Send a signal."""
@@ -72,6 +73,7 @@ class Process:
     def ended(self, status: int = 0) -> str:
         """Return all that it said; fail where it does not end soon, and as it should."""
         said, _ = self.process.communicate(timeout=LIMIT_S)
+        self.has_ended = True
         assert self.process.returncode == status, said
         assert 'Traceback' not in said
         assert 'this is a bug' not in said
@@ -104,7 +106,7 @@ def evaluator(graph, environment) -> Iterator[Callable[..., Process]]:
     yield start
     try:
         for evaluator in started:
-            if evaluator.process.returncode is None:
+            if not evaluator.has_ended:
                 evaluator.stop()
     finally:
         for evaluator in started:

@@ -6,12 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vio_eval_ros.core.association import BEFORE_ALL
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation, running_series
 from vio_eval_ros.core.gates import Gate
 from vio_eval_ros.errors import WriteError
-from vio_eval_ros.nodes.live import jumped_back, LiveRun
+from vio_eval_ros.nodes.live import LiveRun
 from vio_eval_ros.recordings.messages import PathRevisions
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.simulation import simulate
@@ -159,15 +158,25 @@ def test_a_folder_that_cannot_be_made_is_a_clear_error(flight, tmp_path):
         live(flight, 240).write(tmp_path / 'taken')
 
 
-def test_a_stream_that_runs_again_has_jumped_but_a_late_pose_has_not():
-    stamps = np.arange(10) * S // 10 + 100 * S
-    assert jumped_back(stamps, BEFORE_ALL) is None
-    assert jumped_back(stamps, 100 * S) is None
-    assert jumped_back(stamps - 50 * S, 100 * S) == 0
-    assert jumped_back(np.concatenate([stamps, stamps - 50 * S]), 100 * S) == 10
-    late = np.insert(stamps, 5, 50 * S)
-    assert jumped_back(late, 100 * S) is None
-    assert jumped_back(np.empty(0, np.int64), 100 * S) is None
+def test_a_disk_that_fills_up_on_the_way_leaves_the_old_report_whole(flight, tmp_path):
+    def report() -> dict[str, bytes]:
+        return {file.name: file.read_bytes() for file in tmp_path.iterdir() if file.is_file()}
+
+    run = LiveRun(EvaluationConfig(), (), NAMES)
+    run.add_ground_truth(flight.ground_truth)
+    run.add_estimate(flight.estimate[:100])
+    run.write(tmp_path)
+    before = report()
+    run.add_estimate(flight.estimate[100:])
+    (tmp_path / 'series.csv').unlink()
+    (tmp_path / 'series.csv').symlink_to('/dev/full')  # not the first of the files
+    with pytest.raises(WriteError, match=r'series\.csv: cannot write: No space left'):
+        run.write(tmp_path)
+    after = report()
+    assert after == {name: content for name, content in before.items() if name != 'series.csv'}
+    (tmp_path / 'series.csv').unlink()
+    run.write(tmp_path)
+    assert report()['result.json'] != before['result.json']
 
 
 def test_a_tracking_reset_is_noticed_with_its_stamp_and_size(flight):

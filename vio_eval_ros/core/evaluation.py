@@ -92,7 +92,7 @@ class Evaluation:
         Each call takes in the pairs since the one before. Equal to those of :meth:`summary` to
         1e-9 relative, unless a few poses are off by a million times the others' errors.
         """
-        alignment = self._aligned()
+        alignment = self.alignment()
         run = Run(self._log, self._moments, alignment, self.associator, [])
         values = {'pairs': self._log.count} | self._running(run)
         if self._max_pairs is not None:
@@ -101,8 +101,13 @@ class Evaluation:
 
     def aligned(self) -> tuple[Pairs, Alignment]:
         """Return the pairs, evenly over the run so far, and the alignment of all."""
-        alignment = self._aligned()
+        alignment = self.alignment()
         return self._log.evenly(), alignment
+
+    def alignment(self) -> Alignment:
+        """Take in what the poses so far decide; return the alignment of all pairs."""
+        self._take(self.associator.decide())
+        return self._solve(self._running_moments())
 
     def since(self, index: int) -> Pairs:
         """Return the pairs from this one on, counted over the run, as far as none is missing."""
@@ -110,7 +115,7 @@ class Evaluation:
 
     def window(self, seconds: float) -> dict[str, float]:
         """Return all metrics over the pairs of the last seconds, under the alignment of all."""
-        alignment = self._aligned()
+        alignment = self.alignment()
         pairs, log = self._log.since(0), PairLog()
         stamps = pairs.estimate.stamps_ns
         if len(stamps):
@@ -172,11 +177,6 @@ class Evaluation:
             return f'no pairs {tolerance}: {spans}; are the clocks the same?'
         closest = f'the closest stamps are {closest_ns / 1e9:g} s apart'
         return f'no pairs {tolerance}: {spans}; {closest}; {advice}'
-
-    def _aligned(self) -> Alignment:
-        """Take in what the poses so far decide; return the alignment of all pairs."""
-        self._take(self.associator.decide())
-        return self._solve(self._running_moments())
 
     def _take(self, pairs: Pairs) -> None:
         """Add newly decided pairs."""

@@ -21,12 +21,10 @@ from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.errors import ReadError, WriteError
 from vio_eval_ros.recordings.messages import PathRevisions
 from vio_eval_ros.recordings.sources import Source
-from vio_eval_ros.reports import REPORTS, write
+from vio_eval_ros.reports import REPORTS, write_all
 from vio_eval_ros.reports.result import Input, Result
 from vio_eval_ros.reports.tables import series_csv, tum
 
-JUMP_BACK_NS = 1_000_000_000
-MIN_JUMPED = 2
 MIN_JUMP_M = 0.5
 REPORT_FILES = {'json': 'result.json', 'markdown': 'result.md', 'csv': 'errors.csv'}
 
@@ -90,7 +88,8 @@ class LiveRun:
         pairs = self.evaluation.since(self._seen)
         if len(pairs) > 1:
             self._seen += len(pairs) - 1
-            off = np.abs(strides(pairs.estimate) - strides(pairs.ground_truth))
+            scale = self.evaluation.alignment().scale
+            off = np.abs(scale * strides(pairs.estimate) - strides(pairs.ground_truth))
             k = int(off.argmax())
             if off[k] > max(MIN_JUMP_M, self._jump[1] if self._jump else 0.0):
                 self._jump = (int(pairs.estimate.stamps_ns[k + 1]), float(off[k]))
@@ -122,23 +121,23 @@ class LiveRun:
         """
         Write the report of the run into a folder of its own, and return the result.
 
-        :raises WriteError: where that is not possible; what is there already stays whole.
+        :raises WriteError: where that is not possible; a report that is there stays whole.
         """
         result, rows = self._ended()
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise WriteError(folder, error.strerror or str(error)) from None
-        for kind, name in REPORT_FILES.items():
-            write(folder / name, REPORTS[kind](result))
-        write(folder / 'series.csv', series_csv(rows))
         pairs = result.summary.pairs
+        files = {name: REPORTS[kind](result) for kind, name in REPORT_FILES.items()}
+        files['series.csv'] = series_csv(rows)
         for name, trajectory in (
             ('estimate.tum', pairs.estimate),
             ('ground_truth.tum', pairs.ground_truth),
         ):
             if trajectory.rotations is not None:
-                write(folder / name, tum(trajectory))
+                files[name] = tum(trajectory)
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise WriteError(folder, error.strerror or str(error)) from None
+        write_all({folder / name: content for name, content in files.items()})
         return result
 
     def _ended(self) -> tuple[Result, Rows]:
@@ -199,23 +198,6 @@ class Rows:
             values = self._values[k * width : (k + 1) * width]
             kinds = zip(self._kinds.items(), values, strict=True)
             yield stamp_ns, {name: kind(value) for (name, kind), value in kinds}
-
-
-def jumped_back(stamps_ns: np.ndarray, newest_ns: int) -> int | None:
-    """
-    Return from which of the stamps on a stream runs again from an earlier time, or None.
-
-    A single late pose is no jump: all that follow must be behind by more than a second, too.
-
-    :param stamps_ns: (N,) in order of arrival.
-    :param newest_ns: the newest stamp before them.
-    """
-    if not len(stamps_ns):
-        return None
-    newest = np.maximum.accumulate(np.concatenate([[newest_ns], stamps_ns[:-1]]))
-    behind = stamps_ns < newest - JUMP_BACK_NS
-    first = len(behind) - int(np.argmin(behind[::-1])) if not behind.all() else 0
-    return first if len(behind) - first >= MIN_JUMPED else None
 
 
 def strides(trajectory: Trajectory) -> np.ndarray:

@@ -204,7 +204,7 @@ def _diverged(node: Evaluator) -> bool:
     Either it moved far more in the window than the ground truth did, or its error is far larger
     than the extent of the ground truth.
     """
-    scale = node.run.evaluation.aligned()[1].scale
+    scale = node.run.evaluation.alignment().scale
     moved_m = scale * node.run.estimate_path_m(node.settings.window_s)
     return moved_m > DIVERGED_FACTOR * node.window['path_length_m'] + DIVERGED_M or (
         node.values['ate_extent_ratio'] > DIVERGED_FACTOR
