@@ -1,16 +1,23 @@
 """What the tests share: real recordings, made-up ones, and the package as colcon installs it."""
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+import fcntl
+from html.parser import HTMLParser
+import io
+import json
 from operator import itemgetter
 import os
 from pathlib import Path
+import random
 import shutil
 import subprocess
 import sys
+import tempfile
 from typing import Any
 
 import numpy as np
+from PIL import Image
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
@@ -19,6 +26,7 @@ from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.simulation import simulate
 
 ROOT = Path(__file__).resolve().parents[1]
+DOMAINS = range(61, 102)
 STORE = get_typestore(Stores.ROS2_JAZZY)
 # What is in a clone and matters for building: no environments, no results of earlier builds.
 NOT_COPIED = shutil.ignore_patterns('.*', 'build', 'install', 'log', '*.egg-info', '__pycache__')
@@ -62,6 +70,24 @@ def installed(colcon: str, workspace: Path) -> Path:
     done = subprocess.run(command, cwd=workspace, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return workspace / 'install' / 'vio_eval_ros'
+
+
+@pytest.fixture
+def ros_environment() -> Iterator[dict[str, str]]:
+    """Return an environment with a ROS graph that no other test is on, in whatever process."""
+    for domain in random.sample(DOMAINS, len(DOMAINS)):
+        with (Path(tempfile.gettempdir()) / f'ros_domain_{domain}.lock').open('w') as lock:
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                continue
+            yield os.environ | {
+                'PYTHONPATH': str(ROOT),
+                'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+                'ROS_DOMAIN_ID': str(domain),
+            }
+            return
+    raise RuntimeError('all domains are taken')
 
 
 def stamped(cls: str, stamp_ns: int, *content: Any) -> Any:
@@ -132,6 +158,151 @@ def leica_recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
         for stamp_ns, p in zip(truth.stamps_ns.tolist(), truth.positions, strict=True)
     ]
     return record(tmp_path_factory.mktemp('leica') / 'recording', messages)
+
+
+class Parsed(HTMLParser):
+    """
+    What a browser takes an HTML report for.
+
+    ``elements`` are name and attributes of each, in order, ``text`` is what is read, ``styles``
+    and ``scripts`` are not.
+    """
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str | None]]] = []
+        self.content: list[str] = []
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.elements.append((tag, dict(attrs)))
+        self.content.append('')
+
+    def handle_endtag(self, tag: str) -> None:
+        self.elements.append((f'/{tag}', {}))
+        self.content.append(' ')
+
+    def handle_data(self, data: str) -> None:
+        if self.content:
+            self.content[-1] += data
+
+    def of(self, name: str) -> list[tuple[dict[str, str | None], str]]:
+        """Return attributes and the text up to the next tag of the elements of a name."""
+        found = zip(self.elements, self.content, strict=True)
+        return [(attributes, text) for (tag, attributes), text in found if tag == name]
+
+    @property
+    def text(self) -> str:
+        found = zip(self.elements, self.content, strict=True)
+        return ''.join(text for (tag, _), text in found if tag not in ('script', 'style'))
+
+    @property
+    def figures(self) -> list[dict[str, Any]]:
+        """What is drawn, as plotly's dicts."""
+        return [json.loads(text) for attributes, text in self.of('script') if attributes]
+
+
+@pytest.fixture(scope='session')
+def parsed() -> Callable[[str], Parsed]:
+    """Return how to parse an HTML report."""
+    return Parsed
+
+
+@pytest.fixture(scope='module')
+def browser() -> Iterator[Any]:
+    """Return a headless Chromium; skip where there is none, fail where it is required."""
+    names = ('chromium', 'chromium-browser', 'google-chrome')
+    executable = next(filter(None, map(shutil.which, names)), None)
+    try:
+        from playwright.sync_api import sync_playwright
+    except ImportError:
+        missing = 'playwright is not installed'
+    else:
+        missing = None if executable else 'there is no chromium in PATH'
+    if missing and os.environ.get('VIO_EVAL_ROS_REQUIRE_BROWSER') == '1':
+        pytest.fail(f'a browser is required here, and {missing}')
+    if missing:
+        pytest.skip(missing)
+    with sync_playwright() as playwright:
+        # 3-D without a graphics card
+        software = ['--use-gl=angle', '--use-angle=swiftshader', '--enable-unsafe-swiftshader']
+        browser = playwright.chromium.launch(executable_path=executable, args=software)
+        yield browser
+        browser.close()
+
+
+IN_SIGHT = "[...document.querySelectorAll('.plot')].filter(box => box.checkVisibility())"
+
+
+class Window:
+    """
+    A browser's window, in which HTML reports are looked at.
+
+    Whatever it shows: all plots in sight are drawn and have colours in them, nothing is complained
+    of, nothing is fetched, and nothing reaches beyond the window at the right.
+    """
+
+    def __init__(self, browser: Any, file: Path) -> None:
+        self.page = browser.new_page()
+        self.page.set_default_timeout(120_000)
+        self._file = file
+        self._complaints: list[str] = []
+        self.page.on('console', self._hear)
+        self.page.on('pageerror', lambda error: self._complaints.append(str(error)))
+        self.page.on('request', self._notice)
+
+    def open(self, text: str, width: int) -> None:
+        """Show a report in a width, and check what can be seen of it."""
+        self._file.write_text(text, encoding='utf-8')
+        self.page.set_viewport_size({'width': width, 'height': 900})
+        self.page.goto(self._file.as_uri())
+        self.check()
+
+    def check(self) -> None:
+        """Check what can be seen now."""
+        self.wait(f"{IN_SIGHT}.every(box => box.querySelector('.main-svg'))")
+        for box in self.page.query_selector_all('.plot'):
+            if box.evaluate('box => box.checkVisibility()'):
+                assert self._has_colours(box), box.get_attribute('aria-label')
+        assert self.page.evaluate('document.documentElement.scrollWidth <= innerWidth')
+        assert not self._complaints
+
+    def wait(self, expression: str) -> None:
+        """Wait until something is so; the page itself may not evaluate what it is given."""
+        for _ in range(600):
+            if self.page.evaluate(expression):
+                return
+            self.page.wait_for_timeout(100)
+        raise AssertionError(f'after 60 s it is still not so: {expression}')
+
+    def _has_colours(self, box: Any) -> bool:
+        """Return whether something coloured is drawn, as soon as it is."""
+        for _ in range(100):
+            pixels = np.asarray(Image.open(io.BytesIO(box.screenshot())).convert('RGB'), int)
+            if np.count_nonzero(np.ptp(pixels, axis=2) > 60) > 20:
+                return True
+            self.page.wait_for_timeout(100)
+        return False
+
+    def _hear(self, said: Any) -> None:
+        if said.type == 'error':
+            self._complaints.append(said.text)
+
+    def _notice(self, request: Any) -> None:
+        if request.url != self._file.as_uri() and not request.url.startswith(('data:', 'blob:')):
+            self._complaints.append(f'asked for {request.url}')
+
+
+IN_SIGHT = "[...document.querySelectorAll('.plot')].filter(box => box.checkVisibility())"
+
+
+@pytest.fixture
+def window(browser: Any, tmp_path: Path) -> Iterator[Window]:
+    """Return a window of a browser."""
+    window = Window(browser, tmp_path / 'report.html')
+    yield window
+    window.page.close()
 
 
 def pytest_sessionfinish(session: pytest.Session) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
-import os
 from pathlib import Path
 import signal
 import subprocess
@@ -30,13 +29,11 @@ def ros(monkeypatch):
 
 
 @pytest.fixture
-def environment(ros, monkeypatch) -> Iterator[dict[str, str]]:
-    """Return an environment in which nobody else is on the ROS graph."""
-    with ros.free_domain() as domain:
-        monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-        monkeypatch.setenv('ROS_DOMAIN_ID', str(domain))
-        monkeypatch.setenv('PYTHONPATH', str(ROOT))
-        yield dict(os.environ)
+def environment(ros, ros_environment, monkeypatch) -> dict[str, str]:
+    """Return an environment in which nobody else is on the ROS graph; it is that of the test."""
+    for name in ('PYTHONPATH', 'ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_DOMAIN_ID'):
+        monkeypatch.setenv(name, ros_environment[name])
+    return ros_environment
 
 
 @pytest.fixture

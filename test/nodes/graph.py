@@ -3,13 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-import fcntl
 import importlib
-import pathlib
-import random
 import subprocess
-import tempfile
 import time
 from typing import Any
 import warnings
@@ -35,7 +30,6 @@ with warnings.catch_warnings():
     warnings.simplefilter('ignore', DeprecationWarning)
     import rosidl_generator_py  # noqa: F401  # rclpy would later; its parser imports sre_parse
 
-DOMAINS = range(91, 102)  # others than those that are drawn by lot elsewhere
 LIMIT_S = 30  # for what takes a second or two on an idle machine
 SPIN_S = 0.02
 LEVELS = {
@@ -46,20 +40,6 @@ LEVELS = {
 }
 ESTIMATE, GROUND_TRUTH = 'nav_msgs/msg/Odometry', 'geometry_msgs/msg/PoseStamped'
 PATH, CLOCK = 'nav_msgs/msg/Path', 'rosgraph_msgs/msg/Clock'
-
-
-@contextmanager
-def free_domain() -> Iterator[int]:
-    """Yield a domain id that no other test has, in whatever process it runs."""
-    for domain in random.sample(DOMAINS, len(DOMAINS)):
-        with (pathlib.Path(tempfile.gettempdir()) / f'ros_domain_{domain}.lock').open('w') as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                continue
-            yield domain
-            return
-    raise RuntimeError('all domains are taken')
 
 
 class Status:

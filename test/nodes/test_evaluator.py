@@ -24,16 +24,14 @@ LIMIT_S = 60
 
 
 @pytest.fixture
-def environment(ros, installed: Path) -> Iterator[dict[str, str]]:
+def environment(ros, ros_environment, installed: Path) -> dict[str, str]:
     """Return an environment with the installed verbs, in which nobody else is on the graph."""
     (packages,) = installed.glob('lib/python*/site-packages')
-    with ros.free_domain() as domain:
-        yield os.environ | {
-            'PATH': f'{installed / "lib" / "vio_eval_ros"}{os.pathsep}{os.environ["PATH"]}',
-            'PYTHONPATH': str(packages),
-            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-            'ROS_DOMAIN_ID': str(domain),
-        }
+    verbs = installed / 'lib' / 'vio_eval_ros'
+    return ros_environment | {
+        'PATH': f'{verbs}{os.pathsep}{os.environ["PATH"]}',
+        'PYTHONPATH': str(packages),
+    }
 
 
 def verb(name: str, *arguments: object) -> list[str]:

@@ -8,7 +8,6 @@ import importlib.util
 import os
 from pathlib import Path
 import pickle
-import random
 import signal
 import subprocess
 import sys
@@ -49,14 +48,9 @@ class Arrival(NamedTuple):
 
 
 @pytest.fixture
-def environment() -> dict[str, str]:
+def environment(ros_environment) -> dict[str, str]:
     """Return an environment in which nobody else is on the ROS graph."""
-    return os.environ | {
-        'PYTHONPATH': str(ROOT),
-        'PYTHONUNBUFFERED': '1',
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        'ROS_DOMAIN_ID': str(random.randint(30, 60)),
-    }
+    return ros_environment | {'PYTHONUNBUFFERED': '1'}
 
 
 @pytest.fixture

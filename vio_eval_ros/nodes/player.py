@@ -31,9 +31,10 @@ TICK_S = 0.01  # of /clock while no message is due
 SHORTEST_TICK_S = 0.001  # of /clock in a burst of messages
 BEHIND_S = 0.05  # a delay worth a word
 FLUSH_S = 5.0  # for subscribers to acknowledge the last messages
-# A recorded depth suited the pace of the robot. This one also holds what is sent at once to catch
-# up; it takes memory only while a subscriber lags behind.
-DEPTH = 100
+# A recorded depth suited the pace of the robot. These also hold what is sent at once to catch up,
+# and take memory only while a subscriber lags behind: of images as much as of all else.
+DEPTH, IMAGE_DEPTH = 5000, 100
+IMAGES = ('Image', 'CompressedImage', 'PointCloud2')
 
 # Fast DDS gives shared memory 512 kB, which two of EuRoC's images do not fit into: they then came
 # a second late or, at times, not at all. Only who publishes must have more.
@@ -107,7 +108,7 @@ class Player(Node):
         self._clock = self.create_publisher(Clock, '/clock', QoSProfile(depth=1))
         try:
             self._publishers = {
-                topic: self.create_publisher(message_type, name, _qos(offer))
+                topic: self.create_publisher(message_type, name, _qos(offer, message_type))
                 for topic, name, message_type, offer in publications
             }
         except (InvalidTopicNameException, ValueError) as error:
@@ -263,14 +264,15 @@ def message_class(msgtype: str) -> type | None:
         return None
 
 
-def _qos(offer: Offer) -> QoSProfile:
+def _qos(offer: Offer, message_type: type) -> QoSProfile:
     """
     Return the quality of service that was recorded, as far as it makes sense for a recording.
 
     Deadline, lifespan and liveliness are left out: at another rate, or in a pause, none holds.
     """
+    least = IMAGE_DEPTH if message_type.__name__ in IMAGES else DEPTH
     return QoSProfile(
-        depth=offer.depth if offer.latched and offer.depth else max(offer.depth, DEPTH),
+        depth=offer.depth if offer.latched and offer.depth else max(offer.depth, least),
         reliability=(
             ReliabilityPolicy.RELIABLE if offer.reliable else ReliabilityPolicy.BEST_EFFORT
         ),
