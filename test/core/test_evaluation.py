@@ -637,3 +637,39 @@ def test_poses_that_wait_too_long_for_the_other_stream_are_counted(flight, estim
     streams = series.evaluation.associator
     assert streams.estimate.counts.overflow == streams.ground_truth.counts.overflow == 250
     assert streams.estimate.used == 150
+
+
+def turning(count: int, turn_at: int, angle: float):
+    """Return a truth that first goes straight, and an estimate whose yaw jumps on the way."""
+    stamps = 20 * MS * np.arange(1, count + 1)
+    t = np.arange(count) / 50
+    curve = np.maximum(t - 6, 0)
+    positions = np.stack([t, np.sin(curve) * (curve > 0), 0.3 * np.sin(2 * curve)], axis=1)
+    truth = Trajectory(stamps, positions, np.tile([0.0, 0, 0, 1], (count, 1)))
+    yaw = np.where(np.arange(count) < turn_at, 0.0, angle)[:, None] * [[0.0, 0, 1]]
+    wobble = np.random.default_rng(3).normal(0, 0.02, (count, 3))
+    return replace(truth, rotations=rotation.from_rotation_vector(yaw + wobble)), truth
+
+
+@pytest.mark.parametrize(('turn_at', 'angle'), [(10_000, 0.0), (2000, 0.5), (2000, 3.0)])
+def test_the_rotation_error_of_a_bounded_run_is_not_made_up(turn_at, angle):
+    """Whether R was undetermined at first, or has turned far since pairs were dropped."""
+    estimate, truth = turning(5000, turn_at, angle)
+    bounded, unbounded = (Evaluation(EvaluationConfig(), max_pairs=limit) for limit in (250, None))
+    for part in range(0, 5000, 100):
+        for evaluation in (bounded, unbounded):
+            evaluation.add_ground_truth(truth[part : part + 100])
+            evaluation.add_estimate(estimate[part : part + 100])
+            evaluation.running()
+    found, expected = (one.running()['ate_rot_rmse_deg'] for one in (bounded, unbounded))
+    # beyond the moments' reach it is of an even sample
+    assert found == pytest.approx(expected, rel=1e-9 if angle == 0 else 0.03)
+
+
+def test_a_ground_truth_that_is_complete_does_not_wait(flight, estimated):
+    series = RunningSeries(EvaluationConfig(), max_pairs=15)
+    series.add_ground_truth(flight, waits=False)
+    series.add_estimate(estimated(flight)[:100])
+    *_, (_, last) = series.rest()
+    assert last['pairs'] == 100
+    assert series.evaluation.associator.ground_truth.counts.overflow == 0

@@ -1,11 +1,14 @@
 """Where a stream jumps back in time the next run begins; a late pose is no jump."""
 
+from dataclasses import replace
+
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
+import pytest
 
 from vio_eval_ros.core.trajectory import Poses
-from vio_eval_ros.nodes.runs import MIN_JUMPED, MOST_WAITING, RunQueue
+from vio_eval_ros.nodes.runs import MIN_JUMPED, MOST_WAITING, PathQueue, RunQueue
 
 S = 1_000_000_000
 LOOP = 100 * S + np.arange(0, 20 * S, S // 10)
@@ -96,3 +99,48 @@ def test_two_clocks_on_one_topic_do_not_split_for_ever():
             break
         queue.next_run()
     assert taken == 1000
+
+
+def path(begin_s: float, end_s: float) -> Poses:
+    stamps_ns = (np.arange(begin_s, end_s, 0.05) * 1e9).astype(np.int64)
+    return Poses(stamps_ns, np.zeros((len(stamps_ns), 3)), np.eye(4)[np.full(len(stamps_ns), 3)])
+
+
+def paths_of(*messages: Poses) -> tuple[PathQueue, RunQueue]:
+    """Return both queues, as a stream feeds them."""
+    paths, runs = PathQueue('/path'), RunQueue()
+    for message in messages:
+        for new in paths.add(message):
+            runs.add(new)
+    for new in paths.release():
+        runs.add(new)
+    return paths, runs
+
+
+GROWING = [path(100, 100 + end) for end in range(1, 21)]
+
+
+@pytest.mark.parametrize(
+    ('messages', 'runs'),
+    [
+        (GROWING, 1),
+        ([*GROWING, path(100, 103), path(100, 120.5)], 1),  # one late message
+        ([*GROWING, path(100, 118), path(100, 118.2), path(100, 121)], 1),  # pruned
+        ([*GROWING, *GROWING], 2),  # a loop
+        ([*GROWING, *GROWING, *GROWING], 3),
+        ([m for k in range(20) for m in (GROWING[k], path(10, 11 + k))], 1),  # two clocks
+    ],
+)
+def test_the_paths_and_the_poses_of_a_stream_are_of_the_same_runs(messages, runs):
+    paths, queue = paths_of(*messages)
+    assert len(paths.runs) == runs
+    assert len(queue.jumps) == runs - 1 or len(paths.runs) == 1  # two clocks are one run
+    assert len(paths.runs) <= 1 + MOST_WAITING
+
+
+def test_a_late_path_revises_and_is_not_lost():
+    late = path(100, 103)
+    late = replace(late, positions=np.ones((len(late), 3)))
+    paths, _ = paths_of(*GROWING, late, path(119, 120.5))
+    final = paths.runs[0].final()
+    assert (final.positions[: len(late), 0] == 1).all()

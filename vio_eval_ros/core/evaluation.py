@@ -287,9 +287,14 @@ class RunningSeries:
         """Add a batch of estimated poses; ``zero_stamps`` False drops those stamped 0."""
         self._estimate.hold(poses, poses.stamps_ns + self._offset_ns, zero_stamps)
 
-    def add_ground_truth(self, poses: Poses, zero_stamps: bool = True) -> None:
-        """Add a batch of true poses; ``zero_stamps`` False drops those stamped 0."""
-        self._ground_truth.hold(poses, poses.stamps_ns, zero_stamps)
+    def add_ground_truth(self, poses: Poses, zero_stamps: bool = True, waits: bool = True) -> None:
+        """
+        Add a batch of true poses.
+
+        :param zero_stamps: False drops poses stamped 0.
+        :param waits: False where they do not wait for the other stream, being all there are.
+        """
+        self._ground_truth.hold(poses, poses.stamps_ns, zero_stamps, waits)
 
     def rows(self) -> Iterator[tuple[int, dict[str, float]]]:
         """Yield stamp and running values of every second that both streams have passed."""
@@ -369,7 +374,9 @@ class _Held:
         self._zero_stamps = True
         self._add = add
 
-    def hold(self, poses: Poses, clock_ns: np.ndarray, zero_stamps: bool) -> None:
+    def hold(
+        self, poses: Poses, clock_ns: np.ndarray, zero_stamps: bool, waits: bool = True
+    ) -> None:
         """Add poses and the stamps by which they are ordered."""
         if not len(poses):
             return
@@ -378,7 +385,7 @@ class _Held:
         self.clocks.append(clock_ns)
         self._poses.append(poses)
         self._zero_stamps = zero_stamps
-        if self._limit is not None:
+        if self._limit is not None and waits:
             self._give_up(sum(map(len, self._poses)) - self._limit)
 
     def _give_up(self, excess: int) -> None:

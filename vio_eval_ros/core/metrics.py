@@ -134,15 +134,19 @@ class Ate(Metric):
 
     def _rotation_rmse(self, run: Run) -> float:
         """Return the RMSE of angles; their moments are taken anew where R has turned too far."""
-        pairs, turn, known = run.pairs, run.alignment.rotation, self._angles
-        if not pairs.oriented or not run.alignment.observable:
+        turn, log = run.alignment.rotation, run.log
+        if not run.pairs.oriented:
             return math.nan
-        if known is not None:
-            new = pairs[len(pairs) - (run.log.count - known.count) :]
-            known = known.merge(AngleMoments.of(new.turns, known.reference))  # type: ignore[arg-type]
-        if known is None or not (known.holds(turn) or run.log.dropped):
-            known = AngleMoments.of(pairs.turns, turn)  # type: ignore[arg-type]
+        known = self._angles or AngleMoments.of(np.empty((0, 4)), turn)
+        new = log.since(known.count).turns
+        known = known.merge(AngleMoments.of(new, known.reference))  # type: ignore[arg-type]
         self._angles = known
+        if not run.alignment.observable:
+            return math.nan
+        if not known.holds(turn):
+            if log.dropped:  # too far from where the moments were taken, and few pairs are left
+                return root_mean_square(rotation_errors(run.sample, run.alignment))
+            known = self._angles = AngleMoments.of(run.pairs.turns, turn)  # type: ignore[arg-type]
         return math.degrees(math.sqrt(known.mean_square(turn)))
 
     def _usual(self, run: Run, rmse: Callable[[Alignment], float]) -> dict[str, float]:
@@ -500,7 +504,7 @@ class Path(Metric):
     def _metrics(self, run: Run, length_m: float) -> dict[str, float]:
         drift = math.nan
         if length_m > 0:
-            whole = Motion.between(run.pairs, np.array([0]), np.array([len(run.pairs) - 1]))
+            whole = Motion.between(run.pairs[[0, -1]], np.array([0]), np.array([1]))
             drift = 100 * float(whole.pose_errors(run.alignment.scale)[0]) / length_m
         return {'path_length_m': length_m, 'drift_percent': drift}
 
@@ -572,8 +576,9 @@ class Revisions(Metric):
         """Return the ATE as first published, and the loop-closure gain: final over causal ATE."""
         causal = run.causal or {}
         before = causal.get('ate_trans_rmse_m', math.nan)
-        after = math.sqrt(run.alignment.mean_square(run.moments)) if run.causal else math.nan
-        gain = after / before if before > 0 else math.nan
+        gain = math.nan
+        if before > 0:
+            gain = root_mean_square(position_errors(run.sample, run.alignment)) / before
         if gain > MAX_GAIN:
             run.warnings.append(
                 f'loop_closure_gain: revising its past made the estimate {gain:.3g} times as wrong'

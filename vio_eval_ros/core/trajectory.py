@@ -257,7 +257,7 @@ class PairLog:
             [self._stride * np.arange(old), np.arange(self.first_of_all, self.count)]
         )
         self.first_of_all = self.count - limit // 2
-        while self.first_of_all // self._stride >= limit // 4:
+        while self.first_of_all // self._stride >= max(limit // 4, 1):
             self._stride *= 2
         keep = (index >= self.first_of_all) | (index % self._stride == 0)
         self._pairs = self.all()[keep]

@@ -214,7 +214,7 @@ class Evaluator(Node):
         while why := why_the_run_ends(self.streams, at_once=True):
             self._next_run(why)
         for stream in self.streams:
-            stream.runs.release()
+            stream.release()
         self._hand_over()
         self._finish(self.folder)
 

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.core.evaluation import Evaluation, RunningSeries
+from vio_eval_ros.core.evaluation import Evaluation, MOST_WAITING, RunningSeries
 from vio_eval_ros.core.gates import Gate, judge
 from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.errors import ReadError, WriteError
@@ -57,8 +57,10 @@ class LiveRun:
         self._revisions: PathRevisions | None = None
         # needed once more for an estimate that is revised; None when it is known not to be
         self._true_poses: list[Poses] | None = []
+        self._most_true = MOST_WAITING * max_pairs if max_pairs else 0
+        self._given_up = 0
         if truth is not None:
-            self._series.add_ground_truth(truth.poses, truth.zero_stamps)
+            self._series.add_ground_truth(truth.poses, truth.zero_stamps, waits=False)
 
     def add_estimate(self, poses: Poses, revisions: PathRevisions | None = None) -> None:
         """
@@ -76,6 +78,8 @@ class LiveRun:
         self._series.add_ground_truth(poses, zero_stamps=False)
         if self._true_poses is not None:
             self._true_poses.append(poses)
+            while self._most_true and sum(map(len, self._true_poses)) > self._most_true:
+                self._given_up += len(self._true_poses.pop(0))
 
     @property
     def evaluation(self) -> Evaluation:
@@ -152,7 +156,13 @@ class LiveRun:
             except ReadError as error:
                 trouble = str(error)
         summary = evaluation.summary()
-        summary.warnings.extend([trouble] * bool(trouble))
+        if trouble:
+            summary.warnings.append(trouble)
+        if self._revisions is not None and self._given_up:
+            summary.warnings.append(
+                f'the revised Path is scored without the first {self._given_up} true poses: there '
+                'were more than ten times max_pairs'
+            )
         streams = evaluation.associator
         estimate = Input(
             self._names[0], 'topic', None, streams.estimate, self.config.time_offset_s

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 import time
 from typing import NamedTuple, TYPE_CHECKING
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from vio_eval_ros.core.association import AFTER_ALL, BEFORE_ALL
 from vio_eval_ros.core.trajectory import Poses, Trajectory
+from vio_eval_ros.recordings.messages import PathRevisions
 
 if TYPE_CHECKING:
     from vio_eval_ros.nodes.stream import Stream
@@ -94,6 +95,55 @@ class RunQueue:
         self.oldest_ns = min(self.oldest_ns, int(stamps_ns.min(initial=AFTER_ALL)))
         self.newest_ns = max(self.newest_ns, int(stamps_ns.max(initial=BEFORE_ALL)))
         self.unstamped = self.newest_ns == BEFORE_ALL
+
+
+class PathQueue:
+    """
+    The Path messages of a stream, told apart by run.
+
+    A Path that ends behind the half of the one before begins the next run, if the message after it
+    does so too: a single one is late, and one that ends a little earlier has been pruned.
+    """
+
+    def __init__(self, topic: str) -> None:
+        self.runs: deque[PathRevisions] = deque()
+        self._topic = topic
+        self._suspect: Poses | None = None
+        self._begin_run()
+
+    def add(self, revision: Poses) -> Iterator[Poses]:
+        """Take the poses of one more message; yield those that are new to their run."""
+        restarts = len(self.runs) <= MOST_WAITING and self._is_far_behind(revision)
+        if restarts and self._suspect is None:
+            self._suspect = revision
+            return
+        if restarts or not self.runs:
+            self.runs.append(PathRevisions(self._topic))
+            self._begin_run()
+        yield from self.release()
+        self._oldest_ns = min(self._oldest_ns, int(revision.stamps_ns.min()))
+        self._newest_ns = max(self._newest_ns, int(revision.stamps_ns.max()))
+        yield self.runs[-1].add(revision)
+
+    def release(self) -> Iterator[Poses]:
+        """Yield the poses of a message that is withheld, if there is one."""
+        suspect, self._suspect = self._suspect, None
+        if suspect is not None and self.runs:
+            yield self.runs[-1].add(suspect)
+
+    def next_run(self) -> None:
+        """Go on to the next run."""
+        if self.runs:
+            self.runs.popleft()
+
+    def _begin_run(self) -> None:
+        self._oldest_ns, self._newest_ns = AFTER_ALL, BEFORE_ALL
+
+    def _is_far_behind(self, revision: Poses) -> bool:
+        if self._newest_ns == BEFORE_ALL:
+            return False
+        allowed_ns = max(JUMP_BACK_NS, (self._newest_ns - self._oldest_ns) // 2)
+        return int(revision.stamps_ns.max()) + allowed_ns < self._newest_ns
 
 
 def next_jump(stamps_ns: np.ndarray, newest_ns: int) -> tuple[int, bool]:

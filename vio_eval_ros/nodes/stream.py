@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import deque
 from collections.abc import Iterator
 from contextlib import suppress
 import importlib
@@ -20,10 +19,10 @@ from rclpy.node import Node
 from rclpy.qos import qos_check_compatible, QoSCompatibility, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 
-from vio_eval_ros.core.trajectory import Poses
+from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.nodes.parameters import override_quality
-from vio_eval_ros.nodes.runs import JUMP_BACK_NS, RunQueue
+from vio_eval_ros.nodes.runs import PathQueue, RunQueue
 from vio_eval_ros.recordings import cdr
 from vio_eval_ros.recordings.messages import collect, CONVERTERS, PATH, PathRevisions, poses
 
@@ -68,7 +67,7 @@ class Stream:
         self.topic = node.resolve_topic_name(name)
         self.msgtype = msgtype
         self.published_types: list[str] = []
-        self.frame = 'world'
+        self._frame = ''
         self.publishers = 0
         self.received = 0
         self.lost = 0
@@ -79,8 +78,7 @@ class Stream:
         self._node = node
         self._quality = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._raw: list[bytes] = []
-        self._paths: deque[PathRevisions] = deque()  # of this run and those that follow
-        self._path_newest_ns = 0
+        self.paths = PathQueue(self.topic)
         self._class: Any = None
         self._subscription: Any = None
         self._events: dict[str, Any] = {}
@@ -90,9 +88,14 @@ class Stream:
             self._subscribe(msgtype)
 
     @property
+    def frame(self) -> str:
+        """The frame of its poses."""
+        return self._frame or 'world'
+
+    @property
     def path(self) -> PathRevisions | None:
         """What the Path messages of the run said, where it is of Paths."""
-        return self._paths[0] if self._paths else None
+        return self.paths.runs[0] if self.paths.runs else None
 
     def discover(self) -> None:
         """Look at the publishers and at what was lost; subscribe when the type is known."""
@@ -137,9 +140,9 @@ class Stream:
         raw, self._raw = self._raw, []
         if not raw:
             return None
-        if self.frame == 'world':
+        if not self._frame:
             first = next(self._messages(raw), None)
-            self.frame = (first and first.header.frame_id) or 'world'
+            self._frame = (first and first.header.frame_id) or 'world'
         if self.msgtype == PATH:
             return self._of_paths(raw)
         columns = cdr.decode(self.msgtype, raw, ros1=False)
@@ -154,21 +157,22 @@ class Stream:
     def next_run(self) -> None:
         """Go on to the next run."""
         self.runs.next_run()
-        if self._paths:
-            self._paths.popleft()
+        self.paths.next_run()
+
+    def release(self) -> None:
+        """Hand on what is withheld: no more will come to tell what it is."""
+        for left in self.paths.release():
+            self.runs.add(left)
+        self.runs.release()
 
     def _of_paths(self, raw: list[bytes]) -> Poses:
         """Return the poses as first published; ``path`` knows how they were revised since."""
-        new = []
+        new: list[Poses] = [Trajectory.empty()]
         for message in raw:
             columns = cdr.decode_path(message, ros1=False)
             revision = poses(*columns) if columns else self._collected([message])
-            newest_ns = int(revision.stamps_ns.max(initial=0))  # 0 where it is empty
-            if not self._paths or 0 < newest_ns < self._path_newest_ns - JUMP_BACK_NS:
-                self._paths.append(PathRevisions(self.topic))
-                self._path_newest_ns = 0
-            self._path_newest_ns = max(self._path_newest_ns, newest_ns)
-            new.append(self._paths[-1].add(revision))
+            if len(revision):
+                new += self.paths.add(revision)
         return Poses.concatenate(new)
 
     def _collected(self, raw: list[bytes]) -> Poses:
@@ -204,9 +208,9 @@ class Stream:
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=True,
         )
-        with suppress(UnsupportedEventTypeError):  # not all middlewares count
-            for name, event in COUNTED.items():
-                self._events[name] = _rclpy.EventHandle(self._subscription.handle, event)
+        for counter, event in COUNTED.items():
+            with suppress(UnsupportedEventTypeError):  # not all middlewares count
+                self._events[counter] = _rclpy.EventHandle(self._subscription.handle, event)
 
     def _count_events(self) -> None:
         # asked for, since with an event in the wait set every message would wake the executor
