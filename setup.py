@@ -8,6 +8,8 @@ from vio_eval_ros.__main__ import VERBS
 
 NAME = 'vio_eval_ros'
 IMAGES = ['Pillow']
+IMU = ['allantools', 'matplotlib']
+REPORT = ['plotly']
 # permutation tests against baselines
 SCORE = ['scipy>=1.9']
 # ROS 2 Jazzy where none is installed; rclpy does not start without the second
@@ -46,10 +48,14 @@ setup(
     ],
     extras_require={
         'images': IMAGES,
+        'imu': IMU,
+        'report': REPORT,
         'ros': ROS,
         'score': SCORE,
         'test': [
             *IMAGES,
+            *IMU,
+            *REPORT,
             *ROS,
             *SCORE,
             'colcon-common-extensions',
@@ -57,7 +63,9 @@ setup(
             'evo==1.38.1; python_version >= "3.11"',
             'hypothesis',
             'jsonschema',
+            'markdown-it-py',
             'mypy',
+            'playwright',
             'pytest',
             'pytest-xdist',
             'ruff',

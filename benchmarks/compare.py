@@ -1,7 +1,8 @@
 """
 Times replay against evo on the same files, whole processes side by side.
 
-Writes docs/benchmarks.md, with --quick only prints; exits with 1 where a target is missed.
+Writes the section Replay of docs/benchmarks.md, with --quick only prints; exits with 1 where a
+target is missed.
 """
 
 from __future__ import annotations
@@ -10,11 +11,9 @@ import argparse
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from importlib.metadata import version
 import json
 import os
 from pathlib import Path
-import platform
 import re
 from statistics import median
 import sys
@@ -23,10 +22,12 @@ from tempfile import TemporaryDirectory
 import time
 from typing import NamedTuple
 
+import document
+from document import machine, ranged, Target, targets_table
+
 # This process stays small and imports no numpy: Linux counts the memory of the process that
 # starts another in the peak of the other.
 PROJECT = Path(__file__).resolve().parents[1]
-DOCUMENT = PROJECT / 'docs' / 'benchmarks.md'
 DATA = Path(os.environ.get('VIO_EVAL_ROS_DATA', PROJECT.parent / 'shared' / 'data'))
 MAX_DIFFERENCE = '0.01'  # evo's default
 REPLAY = [sys.executable, '-m', 'vio_eval_ros', 'replay']
@@ -47,14 +48,6 @@ class Usage(NamedTuple):
 
     seconds: float
     mebibytes: float
-
-
-class Target(NamedTuple):
-    """What is promised, and what was measured."""
-
-    promise: str
-    measured: str
-    met: bool
 
 
 @dataclass
@@ -207,11 +200,6 @@ def growth(bench: Bench, rounds: int) -> Case:
     return case
 
 
-def ranged(values: Sequence[float], digits: int) -> str:
-    """Return the median and the range of some values."""
-    return f'{median(values):.{digits}f} ({min(values):.{digits}f} to {max(values):.{digits}f})'
-
-
 def faster(case: Case, limit: float) -> Target:
     """Return how many times faster than evo_ape replay is."""
     ratios = case.ratios('evo_ape', 'seconds')
@@ -272,20 +260,13 @@ def table(cases: Sequence[Case]) -> Iterator[str]:
             )
 
 
-def document(targets: Sequence[Target], cases: Sequence[Case], alone: Case | None) -> str:
+def section(targets: Sequence[Target], cases: Sequence[Case], alone: Case | None) -> list[str]:
     """Return the figures as Markdown."""
     lines = [
-        '# Benchmarks',
+        '`replay` beside [evo](https://github.com/MichaelGrupp/evo) on the same files. Measured '
+        'by `benchmarks/compare.py`.',
         '',
-        '`replay` beside [evo](https://github.com/MichaelGrupp/evo) on the same files. Written '
-        'by `make bench`.',
-        '',
-        '| target | measured | |',
-        '|---|---:|---|',
-        *(
-            f'| {promise} | {measured} | {"met" if met else "**missed**"} |'
-            for promise, measured, met in targets
-        ),
+        *targets_table(targets),
         '',
         *table(cases),
         '',
@@ -300,9 +281,8 @@ def document(targets: Sequence[Target], cases: Sequence[Case], alone: Case | Non
             lines.append(f'| {count} | {ranged(seconds, 3)} | {median(peaks):.0f} |')
     lines += [
         '',
-        'Every figure is a median, with the smallest and the largest value in brackets. Ratios '
-        'are taken within each round and then the median of them: the processes of a round run '
-        'one after the other, in an order that changes from round to round '
+        'Ratios are taken within each round and then the median of them: the processes of a '
+        'round run one after the other, in an order that changes from round to round '
         f'({", ".join(f"{case.title}: {case.rounds} rounds" for case in cases)}).',
         '',
         'Time is that of the whole process, start included; memory is the largest resident set. '
@@ -320,20 +300,10 @@ def document(targets: Sequence[Target], cases: Sequence[Case], alone: Case | Non
         '1,000,000 poses at 20 Hz on each side. Simulated, TUM files with 9 decimals.',
         '- V1_02: VINS-Fusion on the EuRoC sequence, the same run in three kinds of '
         'recording, 1,671 true poses at 20 Hz and 845 estimates at 10 Hz.',
-        f'- {_processor()}, {os.cpu_count()} cores, {platform.system()}.',
-        f'- Python {platform.python_version()}, numpy {version("numpy")}, rosbags '
-        f'{version("rosbags")}, evo {version("evo")}.',
+        '',
+        machine('numpy', 'rosbags', 'evo'),
     ]
-    return '\n'.join(lines) + '\n'
-
-
-def _processor() -> str:
-    """Return the name of the processor."""
-    try:
-        found = re.search(r'model name\s*: (.*)', Path('/proc/cpuinfo').read_text())
-    except OSError:
-        found = None
-    return found[1].strip() if found else platform.processor() or platform.machine()
+    return lines
 
 
 @contextmanager
@@ -368,10 +338,10 @@ def main() -> int:
     targets = [faster(euroc, 4)]
     if alone:
         targets += [faster(million, 10), smaller(million, 0.5), linear(alone, 1.1)]
-    text = document(targets, cases, alone)
-    print(text, end='')
+    lines = section(targets, cases, alone)
+    print('\n'.join(lines))
     if not quick:
-        DOCUMENT.write_text(text, encoding='utf-8')
+        document.write('Replay', lines)
     return 0 if all(target.met for target in targets) else 1
 
 

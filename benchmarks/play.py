@@ -1,36 +1,37 @@
 """
 Measures `play`: how punctual it is, how much memory it takes, whether EuRoC's rates keep up.
 
-Each case is played by a real process into another one that only notes when messages arrive:
-``python benchmarks/play.py [--seconds S] [--gigabytes G]``.
+Writes the section Play of docs/benchmarks.md, with --quick only prints; exits with 1 where a
+target is missed.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+import importlib.util
 import os
 from pathlib import Path
-import random
-import re
-import signal
 import subprocess
 import sys
 import tempfile
-import threading
+import time
 from typing import NamedTuple
 
+import document
+from document import machine, ranged, Target, targets_table
 import numpy as np
+from processes import cpu_s, private_graph, resident_bytes, started
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import get_typestore, Stores
 
-ROOT = Path(__file__).resolve().parents[1]
 FIRST_NS = 1_403_636_579_763_555_584
 WIDTH, HEIGHT = 752, 480  # EuRoC's cameras
 IMU_NS, CAMERA_NS = 5_000_000, 50_000_000
 TOPICS = {'/imu0': 'Imu', '/cam0/image_raw': 'Image', '/cam1/image_raw': 'Image'}
+SAMPLE_S = 0.1
 IGNORED_SAMPLES = 20  # of the memory: while libraries are loaded and buffers fill
 
 
@@ -112,137 +113,139 @@ def write_asl(path: Path, seconds: float) -> None:
         (path / 'mav0' / sensor / 'data.csv').write_text(text)
 
 
-LISTENER = """
-import signal, time
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.qos import QoSProfile
-from rclpy.signals import SignalHandlerOptions
-from sensor_msgs.msg import Image, Imu
-
-stopping = []
-signal.signal(signal.SIGTERM, lambda *_: stopping.append(True))
-rclpy.init(signal_handler_options=SignalHandlerOptions.NO)
-node = rclpy.create_node('listener')
-arrivals = []
-for topic, kind in (('/imu0', Imu), ('/cam0/image_raw', Image), ('/cam1/image_raw', Image)):
-    note = lambda message, topic=topic: arrivals.append((topic, time.monotonic()))
-    node.create_subscription(kind, topic, note, QoSProfile(depth=1000), raw=True)
-executor = SingleThreadedExecutor()
-executor.add_node(node)
-count = -1
-while not stopping or len(arrivals) > count:  # until nothing more comes
-    count = len(arrivals)
-    executor.spin_once(timeout_sec=0.2)
-print(*(f'{topic} {at!r}' for topic, at in arrivals), sep='\\n')
-"""
-
-
-def resident_mb(pid: int) -> float:
-    """Return what a process has in memory that is its own, not mapped files."""
-    status = Path(f'/proc/{pid}/status').read_text()
-    (anonymous,) = re.findall(r'RssAnon:\s+(\d+) kB', status)
-    return int(anonymous) / 1024
-
-
-def cpu_s(pid: int) -> float:
-    """Return the CPU time that a process has used."""
-    fields = Path(f'/proc/{pid}/stat').read_text().rpartition(')')[2].split()
-    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
-
-
 def measure(path: Path, seconds: float, rate: float) -> Measured:
     """Play a recording into a process that listens."""
-    environment = os.environ | {
-        'PYTHONPATH': str(ROOT),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        'ROS_DOMAIN_ID': str(random.randint(30, 60)),
-    }
-    listener = subprocess.Popen(
-        [sys.executable, '-c', LISTENER], env=environment, stdout=subprocess.PIPE, text=True
-    )
-    player = subprocess.Popen(
-        [sys.executable, '-m', 'vio_eval_ros', 'play', path, '--rate', str(rate),
-         '--wait-for-subscribers'],
-        env=environment,
-    )  # fmt: skip
-    memory, cpu, over = [], 0.0, threading.Event()
-    watcher = threading.Thread(target=lambda: (player.wait(), over.set()))
-    watcher.start()
-    try:
-        while not over.wait(0.1):
+    environment = os.environ | private_graph()
+    command = [sys.executable, '-m', 'vio_eval_ros', 'play', path, '--wait-for-subscribers']
+    listener = [sys.executable, Path(__file__).with_name('listener.py')]
+    memory, used_s = [], 0.0
+    with (
+        started(listener, env=environment, stdout=subprocess.PIPE, text=True) as listening,
+        started([*command, '--rate', rate], env=environment) as playing,
+    ):
+        while playing.poll() is None:
             try:
-                memory.append(resident_mb(player.pid))
-                cpu = cpu_s(player.pid)
+                memory.append(resident_bytes(playing.pid) / 2**20)
+                used_s = cpu_s(playing.pid)
             except (OSError, ValueError):  # it has just ended
                 break
-        watcher.join()
-        listener.send_signal(signal.SIGTERM)
-        printed, _ = listener.communicate(timeout=60)
-    finally:
-        for process in (player, listener):
-            if process.poll() is None:
-                process.kill()
-                process.wait()
-    arrivals: dict[str, list[float]] = {topic: [] for topic in TOPICS}
-    for line in printed.splitlines():
-        topic, at_s = line.split()
-        arrivals[topic].append(float(at_s))
-    due: dict[str, list[float]] = {topic: [] for topic in TOPICS}
-    for stamp_ns, topic in stream(seconds):
-        due[topic].append((stamp_ns - FIRST_NS) / 1e9 / rate)
-    expected = sum(map(len, due.values()))
-    received = sum(map(len, arrivals.values()))
-    errors_ms = np.array([np.nan])
-    if received == expected:
-        errors_ms = np.concatenate(
-            [np.subtract(arrivals[topic], due[topic]) * 1e3 for topic in TOPICS]
-        )
-        errors_ms -= errors_ms.min()  # the earliest was in time
+            time.sleep(SAMPLE_S)
+        playing.wait()
+        listening.terminate()
+        printed = listening.communicate()[0].split()
+    expected = {(topic, stamp_ns) for stamp_ns, topic in stream(seconds)}
+    arrived = [
+        (topic, int(stamp_ns), float(at_s))
+        for topic, stamp_ns, at_s in zip(*[iter(printed)] * 3, strict=True)
+    ]
+    missing = expected - {(topic, stamp_ns) for topic, stamp_ns, _ in arrived}
+    errors_ms = np.array(
+        [1e3 * at_s - (stamp_ns - FIRST_NS) / 1e6 / rate for _, stamp_ns, at_s in arrived]
+    )
     memory = memory[IGNORED_SAMPLES:] or memory
     quarter = max(len(memory) // 4, 1)
-    growth = np.median(memory[-quarter:]) - np.median(memory[:quarter])
+    first_mb, last_mb = np.median(memory[:quarter]), np.median(memory[-quarter:])
     return Measured(
-        received,
-        expected - received,
-        *np.percentile(errors_ms, [50, 99, 100]),
-        100 * cpu / (seconds / rate),
-        float(np.median(memory[:quarter])),
-        float(growth),
+        len(arrived),
+        len(missing),
+        *np.percentile(errors_ms - errors_ms.min(), [50, 99, 100]),  # the earliest was in time
+        100 * used_s * rate / seconds,
+        first_mb,
+        last_mb - first_mb,
     )
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[1])
-    parser.add_argument('--seconds', type=float, default=20.0, help='length of the timed cases')
-    parser.add_argument('--gigabytes', type=float, default=1.0, help='size of the large one')
-    options = parser.parse_args()
-    bytes_a_second = 2 * WIDTH * HEIGHT / (CAMERA_NS / 1e9)
-    large_s = options.gigabytes * 1e9 / bytes_a_second
-    cases = [
-        ('ROS 1 bag', 'euroc.bag', options.seconds, 1.0),
-        ('SQLite', 'euroc', options.seconds, 1.0),
-        ('MCAP', 'euroc.mcap', options.seconds, 1.0),
-        ('EuRoC folder', 'asl', options.seconds, 1.0),
-        (f'ROS 1 bag of {options.gigabytes:g} GB', 'large.bag', large_s, 2.0),
-        (f'MCAP of {options.gigabytes:g} GB', 'large.mcap', large_s, 2.0),
+def targets(timed: Sequence[Measured], large: Measured, gigabytes: float) -> list[Target]:
+    """Return what is promised of `play`."""
+    medians_ms = [measured.median_ms for measured in timed]
+    lost = sum(measured.lost for measured in timed)
+    return [
+        Target(
+            'Timing error at rate 1: a median below 2 ms',
+            ranged(medians_ms, 2),
+            max(medians_ms) < 2,
+        ),
+        Target(
+            "EuRoC's 2 x 20 Hz of images and 200 Hz of IMU at rate 1: nothing lost",
+            f'{lost:,} of {lost + sum(measured.messages for measured in timed):,}',
+            not lost,
+        ),
+        Target(
+            f'Memory over a recording of {gigabytes:g} GB: grows by at most 5 MB',
+            f'{large.growth_mb:+.1f} MB',
+            large.growth_mb <= 5,
+        ),
     ]
-    print("EuRoC's sensors: 200 Hz IMU, two cameras of 752 x 480 at 20 Hz\n")
-    columns = 'recording rate messages lost median_ms p99_ms max_ms CPU_% MB growth_MB'.split()
-    print(f'| {" | ".join(columns).replace("_", " ")} |')
-    print('|---' + '|--:' * (len(columns) - 1) + '|')
-    for name, file, seconds, rate in cases:
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / file
-            (write_asl if file == 'asl' else write_bag)(path, seconds)
-            row = measure(path, seconds, rate)
-        print(
+
+
+def table(rows: Mapping[str, Measured], rates: Sequence[float]) -> Iterator[str]:
+    """Yield the figures of each recording."""
+    columns = (
+        'recording | rate | messages | lost | timing error, median [ms] | 99 % | largest '
+        '| CPU [%] | memory [MB] | growth [MB]'
+    )
+    yield f'| {columns} |'
+    yield '|---' + '|---:' * columns.count('|') + '|'
+    for (name, row), rate in zip(rows.items(), rates, strict=True):
+        yield (
             f'| {name} | {rate:g} | {row.messages:,} | {row.lost} | {row.median_ms:.2f} '
             f'| {row.p99_ms:.2f} | {row.max_ms:.1f} | {row.cpu_percent:.0f} '
-            f'| {row.first_mb:.0f} | {row.growth_mb:+.1f} |',
-            flush=True,
+            f'| {row.first_mb:.0f} | {row.growth_mb:+.1f} |'
         )
+
+
+def main() -> int:
+    """Measure and write; return 1 where a target is missed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--seconds', type=float, default=5.0, help='length of the timed cases')
+    parser.add_argument('--gigabytes', type=float, default=1.0, help='size of the large one')
+    parser.add_argument(
+        '--quick', action='store_true', help='measure less, and leave docs/benchmarks.md as it is'
+    )
+    options = parser.parse_args()
+    if importlib.util.find_spec('rclpy') is None:
+        print(
+            '`play` is not measured, its figures stay: there is no rclpy; pip install -e ".[ros]"'
+        )
+        return 0
+    seconds, gigabytes = (3.0, 0.1) if options.quick else (options.seconds, options.gigabytes)
+    bytes_a_second = 2 * WIDTH * HEIGHT / (CAMERA_NS / 1e9)
+    cases = [
+        ('ROS 1 bag', 'euroc.bag', seconds, 1.0),
+        ('SQLite', 'euroc', seconds, 1.0),
+        ('MCAP', 'euroc.mcap', seconds, 1.0),
+        ('EuRoC folder', 'asl', seconds, 1.0),
+        (f'ROS 1 bag of {gigabytes:g} GB', 'large.bag', gigabytes * 1e9 / bytes_a_second, 3.0),
+    ]
+    rows = {}
+    for name, file, length_s, rate in cases:
+        print(f'play: {name}', flush=True)
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / file
+            (write_asl if file == 'asl' else write_bag)(path, length_s)
+            rows[name] = measure(path, length_s, rate)
+    *timed, large = rows.values()
+    promised = targets(timed, large, gigabytes)
+    lines = [
+        "`play` of EuRoC's sensors: an IMU at 200 Hz, two cameras of 752 x 480 at 20 Hz. Measured "
+        'by `benchmarks/play.py`.',
+        '',
+        *targets_table(promised),
+        '',
+        *table(rows, [rate for *_, rate in cases]),
+        '',
+        'A process plays into another one that only notes when each message arrives. The timing '
+        'error is how much later that is than its time in the recording says, beside the '
+        'earliest of all. Memory is what the process has of its own (`RssAnon`): the median of '
+        'the first quarter of the time, and how much more that of the last quarter is.',
+        '',
+        machine('numpy', 'rosbags', 'ros-rclpy', 'ros-rmw-fastrtps-cpp'),
+    ]
+    print('\n'.join(lines))
+    if not options.quick:
+        document.write('Play', lines)
+    return 0 if all(target.met for target in promised) else 1
 
 
 if __name__ == '__main__':
-    main()
+    sys.exit(main())

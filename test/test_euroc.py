@@ -18,7 +18,7 @@ from vio_eval_ros.simulation import simulate
 
 ROOT = Path(__file__).resolve().parents[1]
 CONFIG = ROOT / 'config'
-GATES = sorted((CONFIG / 'gates').glob('*.yaml'))
+GATES = sorted((CONFIG / 'gates').glob('euroc_*.yaml'))
 SEQUENCES = [*(f'MH_{k:02}' for k in range(1, 6)), 'V1_01', 'V1_02', 'V1_03']
 SEQUENCES += ['V2_01', 'V2_02', 'V2_03']
 

@@ -22,7 +22,8 @@ INNER = {'core', 'errors'}
 SHELLS = {'cli', 'nodes'}
 # Layers between the core and the shells: none knows of another, but for what is named here.
 MAY_ALSO_IMPORT = {
-    'reports': {PACKAGE},  # the version
+    'imu': {PACKAGE},  # the version
+    'reports': {PACKAGE},
     'scoring': {PACKAGE, 'recordings', 'reports', 'settings'},  # it holds the ends together
 }
 ONLY_IN = {

@@ -15,6 +15,8 @@ VERBS: dict[str, tuple[str, str]] = {
     'evaluator': ('vio_eval_ros.nodes.evaluator', 'score a running estimator, live in ROS 2'),
     'replay': ('vio_eval_ros.cli.replay', 'score one recording or a pair of trajectory files'),
     'score': ('vio_eval_ros.cli.score', 'score a suite of runs against gates and a baseline'),
+    'imu_noise': ('vio_eval_ros.cli.imu_noise', 'measure the noise of an IMU at rest'),
+    'diagnose': ('vio_eval_ros.cli.diagnose', 'say why an estimate is bad'),
     'play': ('vio_eval_ros.nodes.play', 'publish a recording into ROS 2'),
 }
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+import math
 from pathlib import Path
 from typing import Any
 
@@ -14,17 +16,24 @@ PLAIN_TAGS = ('tag:yaml.org,2002:map', 'tag:yaml.org,2002:seq')
 
 
 class Section(dict[str, Any]):
-    """A mapping in a YAML file that knows where its keys stand."""
+    """
+    A mapping that a user wrote, and knows where.
 
-    def __init__(self, file: Path) -> None:
+    :param place: where it begins, such as ``line 3``.
+    """
+
+    def __init__(self, file: Path, place: str = '') -> None:
         super().__init__()
         self.file = file
-        self.lines: dict[str, int] = {}
+        self.place = place
+        self.places: dict[str, str] = {}
 
     def error(self, key: str, problem: object) -> ConfigError:
-        """Return the error that something is wrong with the value of a key."""
-        line = f'line {self.lines[key]}: ' if key in self.lines else ''
-        return ConfigError(f'{self.file}: {line}{problem}')
+        """Return the error that something is wrong with a key, or with its absence."""
+        place = self.places.get(key, self.place)
+        return ConfigError(
+            f'{self.file}: {place}: {problem}' if place else f'{self.file}: {problem}'
+        )
 
     def expect(self, *known: str) -> None:
         """
@@ -55,51 +64,73 @@ def load_yaml(path: Path) -> Section:
         part a billion times).
     :raises ConfigError: not a mapping.
     """
-    import yaml
-
     try:
         with path.open(encoding='utf-8') as file:
             text = file.read(MAX_YAML_BYTES + 1)
-        if len(text) > MAX_YAML_BYTES:
-            raise ReadError(path, 'too large for a file of options')
-        loader = yaml.SafeLoader(text)
-        node = loader.get_single_node()
-        content = None if node is None else _content(path, loader, node, set())
     except OSError as error:
         raise ReadError(path, error.strerror or str(error)) from None
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        raise ReadError(path, f'not valid YAML: {" ".join(str(error).split())}') from None
+    except ValueError as error:
+        raise ReadError(path, f'not valid YAML: {error}') from None
+    if len(text) > MAX_YAML_BYTES:
+        raise ReadError(path, 'too large for a file of options')
+    content = parse_yaml(text, path, lambda line: f'line {line}')
     if content is None:
         return Section(path)
     if not isinstance(content, Section):
         raise ConfigError(f'{path}: a mapping of names to values is expected')
+    content.place = ''
     return content
 
 
-def _content(path: Path, loader: Any, node: Any, seen: set[int], line: int = 1) -> Any:
-    """Return what a node of YAML holds: plain values, lists and sections."""
-    if id(node) in seen:
-        raise ReadError(path, f'line {line}: aliases are not allowed')
-    seen.add(id(node))
-    if node.id == 'scalar':
-        return loader.construct_object(node)
-    if node.tag not in PLAIN_TAGS:
-        raise ReadError(path, f'line {line}: not valid YAML: {node.tag} is no plain data')
-    if node.id == 'sequence':
-        return [
-            _content(path, loader, item, seen, item.start_mark.line + 1) for item in node.value
-        ]
-    section = Section(path)
-    for name, value in node.value:
-        line = name.start_mark.line + 1
-        key = _content(path, loader, name, seen, line)
-        if not isinstance(key, str):
-            raise ReadError(path, f"line {line}: a name is expected, not '{key}'")
-        if key in section:
-            raise ReadError(path, f"line {line}: '{key}' is there already")
-        section.lines[key] = line
-        section[key] = _content(path, loader, value, seen, line)
-    return section
+def parse_yaml(text: str, file: Path, place: Callable[[int], str]) -> Any:
+    """
+    Return what YAML means: plain values, lists and sections.
+
+    :param file: what errors name.
+    :param place: what errors call a line of the text.
+    :raises ReadError: as :func:`load_yaml`.
+    """
+    import yaml
+
+    seen: set[int] = set()
+
+    def content(node: Any, where: str) -> Any:
+        if id(node) in seen:
+            raise ReadError(file, f'{where}: aliases are not allowed')
+        seen.add(id(node))
+        if node.id == 'scalar':
+            return loader.construct_object(node)
+        if node.tag not in PLAIN_TAGS:
+            raise ReadError(file, f'{where}: not valid YAML: {node.tag} is no plain data')
+        if node.id == 'sequence':
+            return [content(item, place(item.start_mark.line + 1)) for item in node.value]
+        section = Section(file, where)
+        for name, value in node.value:
+            where = place(name.start_mark.line + 1)
+            key = content(name, where)
+            if not isinstance(key, str):
+                raise ReadError(file, f"{where}: a name is expected, not '{key}'")
+            if key in section:
+                raise ReadError(file, f"{where}: '{key}' is there already")
+            section.places[key] = where
+            section[key] = content(value, where)
+        return section
+
+    try:
+        loader = yaml.SafeLoader(text)
+        node = loader.get_single_node()
+        return None if node is None else content(node, place(1))
+    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        raise ReadError(file, f'not valid YAML: {" ".join(str(error).split())}') from None
+
+
+def finite(value: Any) -> float:
+    """Return a number that a user gave, NaN for what is none."""
+    try:
+        number = float('nan' if isinstance(value, bool) else value)
+    except (TypeError, ValueError, OverflowError):
+        return math.nan
+    return number if math.isfinite(number) else math.nan
 
 
 def options_of(path: Path) -> dict[str, Any]:

@@ -193,13 +193,25 @@ def test_lists_are_space_separated(flight):
 
 
 def test_every_report_is_written(flight, tmp_path):
-    kinds = ('json', 'junit', 'markdown', 'csv', 'tum')
+    kinds = ('json', 'junit', 'markdown', 'csv', 'tum', 'latex', 'mcap')
     reports = [word for kind in kinds for word in ('--report', f'{kind}:{tmp_path}/out.{kind}')]
     assert replay(*pair(flight), *reports).returncode == 0
     assert sorted(path.name for path in tmp_path.iterdir()) == sorted(f'out.{k}' for k in kinds)
     written = json.loads((tmp_path / 'out.json').read_text())
     assert written == result(*pair(flight))
     assert len(written['inputs']['estimate']['sha256']) == 64
+    recorded = result(
+        tmp_path / 'out.mcap',
+        '--estimate',
+        '/vio_evaluator/estimate_aligned_pose',
+        '--ground-truth',
+        '/vio_evaluator/ground_truth_pose',
+        '--alignment',
+        'none',
+    )
+    assert recorded['metrics']['ate_trans_rmse_m'] == pytest.approx(
+        written['metrics']['ate_trans_rmse_m'], rel=1e-9
+    )
 
 
 def test_a_report_that_cannot_be_written_does_not_lose_the_result(flight, tmp_path):
@@ -294,7 +306,7 @@ def test_nothing_but_json_and_no_progress_bar_in_a_pipe(flight):
         (('--gate', 'ate_trans_rms_m<=1'), "did you mean 'ate_trans_rmse_m'?"),
         (('--gate', 'ate_trans_rmse_m=1'), 'METRIC<=LIMIT'),
         (('--gate', 'ate_trans_rmse_m<=nan'), 'no finite number'),
-        (('--report', 'pdf:x'), 'json, junit, markdown, csv, tum'),
+        (('--report', 'pdf:x'), 'with a format of json, junit, markdown, '),
         (('--report', 'json:/nowhere/x'), 'there is no folder /nowhere'),
         (('--series', 'json:x'), 'csv'),
         (('--config', 'nowhere.yaml'), 'nowhere.yaml: No such file'),

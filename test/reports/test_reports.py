@@ -14,6 +14,7 @@ import pytest
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.gates import Gate, judge
+from vio_eval_ros.core.statistics import STATISTICS
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError, WriteError
 from vio_eval_ros.recordings.sources import read_sources
@@ -23,6 +24,7 @@ from vio_eval_ros.reports.tables import tum
 from vio_eval_ros.reports.text import text_report
 from vio_eval_ros.simulation import simulate
 
+TEXTS = [name for name in REPORTS if name != 'mcap']
 HOSTILE = 'a<script>alert(1)</script>|`b`*c*&"\x1b[2J\x00\n# d'
 
 
@@ -116,7 +118,7 @@ def test_markdown_shows_the_verdict_and_the_errors(passing, failing):
     assert {line.count('|') for line in tables} == {4, 9}
 
 
-@pytest.mark.parametrize('name', [*REPORTS, 'text'])
+@pytest.mark.parametrize('name', [*TEXTS, 'text'])
 def test_hostile_names_do_not_break_out(name):
     text = (REPORTS | {'text': text_report})[name](result_of(source=HOSTILE))
     assert '\x1b' not in text
@@ -132,6 +134,10 @@ def test_hostile_names_do_not_break_out(name):
 @pytest.mark.parametrize('name', REPORTS)
 def test_a_report_is_the_same_when_made_twice(name, passing):
     assert REPORTS[name](passing) == REPORTS[name](passing)
+
+
+@pytest.mark.parametrize('name', TEXTS)
+def test_a_text_ends_with_its_last_line(name, passing):
     assert REPORTS[name](passing).endswith('\n')
 
 
@@ -179,6 +185,23 @@ def test_tum_is_refused_without_orientations():
         REPORTS['tum'](result)
 
 
+def test_latex_has_a_row_of_statistics_for_each_error(passing):
+    begin, top, heads, middle, *body, bottom, end = REPORTS['latex'](passing).splitlines()
+    assert (begin, end) == (r'\begin{tabular}{lrrrrrrr}', r'\end{tabular}')
+    assert [top, middle, bottom] == [r'\toprule', r'\midrule', r'\bottomrule']
+    cells = [[cell.strip(' \\') for cell in row.split('&')] for row in [heads, *body]]
+    assert cells[0] == ['error', *STATISTICS]
+    assert len(body) == 2 + 2 * len(passing.config.rpe_deltas)
+    values = [passing.summary.metrics[f'ate_trans_{name}_m'] for name in STATISTICS]
+    assert cells[1] == ['ATE position [m]', *(f'{value:.4g}' for value in values)]
+
+
+def test_latex_has_a_dash_for_what_is_unknown():
+    text = REPORTS['latex'](result_of(position_only=True))
+    row = next(line for line in text.splitlines() if 'ATE rotation' in line)
+    assert row.count(' - ') == len(STATISTICS)
+
+
 def test_text_names_every_gate_and_warning(failing):
     text = text_report(failing)
     assert 'FAIL  ate_trans_rmse_m<=1e-09' in text
@@ -204,6 +227,12 @@ def test_a_file_is_written_whole_or_not_at_all(tmp_path):
     write(path, 'new')
     assert path.read_text() == 'new'
     assert path.stat().st_mode & 0o444 == 0o444
+
+
+def test_bytes_are_written_as_they_are(tmp_path):
+    write(tmp_path / 'report.mcap', b'\x89MCAP\r\n\x00\xff')
+    assert (tmp_path / 'report.mcap').read_bytes() == b'\x89MCAP\r\n\x00\xff'
+    assert list(tmp_path.iterdir()) == [tmp_path / 'report.mcap']
 
 
 def test_a_link_is_followed_and_a_pipe_is_written_to(tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 from vio_eval_ros.cli.shell import (
@@ -22,18 +23,23 @@ from vio_eval_ros.core.gates import check_names, Gate
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.recordings.sources import default_topics, read_sources, Source, Spec
 from vio_eval_ros.reports import REPORTS
+from vio_eval_ros.reports.result import Result
 from vio_eval_ros.reports.tables import series_csv
 from vio_eval_ros.reports.text import text_report
+from vio_eval_ros.scoring.manifest import Manifest, ScoredRun, Stack, STACK_KEYS
 from vio_eval_ros.scoring.run import score_run
 from vio_eval_ros.settings import gates_of
 
 SERIES = ('csv',)
+HASHED = ('json', 'html', 'mcap', 'manifest')  # show the sha256 of the inputs
+RUNNING = ('mcap',)  # shows the running values
 EXAMPLES = """
 examples:
   replay run.mcap --estimate /vio/odometry --ground-truth /ground_truth/pose
   replay --estimate est.txt --ground-truth mav0 --max-difference-s 0.01
   replay run.bag --ground-truth V1_02/data.csv --estimate /odometry \\
       --gate 'ate_trans_rmse_m<=0.1' --report json:result.json --report junit:result.xml
+  replay run.mcap --manifest manifest.json --stack-commit 4f2a9c1 --stack-config vio.yaml
 
 exit status: 0 done and passed, 1 a gate failed, 2 could not be done
 """
@@ -99,14 +105,39 @@ def _parser() -> Parser:
         metavar='FILE',
         help='YAML file of gates: {metric: {max: number, min: number}}',
     )
+    _add_provenance(parser)
     add_options(parser)
     return parser
+
+
+def _add_provenance(parser: Parser) -> None:
+    group = parser.add_argument_group('manifest')
+    group.add_argument(
+        '--manifest',
+        type=Path,
+        metavar='FILE',
+        help='write what the result was made of, for `score --verify FILE` to make it again; '
+        'the rest of this group is what it should say',
+    )
+    group.add_argument(
+        '--sequence', metavar='NAME', help='the name of the sequence (default: that of its file)'
+    )
+    for part in ('name', 'version', 'commit'):
+        group.add_argument(
+            f'--stack-{part}', metavar=part.upper(), help=f'the {part} of the software under test'
+        )
+    for flag, what in (('--stack-config', 'configuration'), ('--calibration', 'calibration')):
+        group.add_argument(
+            flag, nargs='+', type=Path, metavar='FILE', help=f'its {what} files, which are copied'
+        )
 
 
 def _replay(arguments: argparse.Namespace) -> int:
     config = config_of(arguments)
     reports = [Target.parse(text, REPORTS) for text in arguments.report]
     series = arguments.series and Target.parse(arguments.series, SERIES)
+    manifest = arguments.manifest and Target.of('manifest', arguments.manifest)
+    stack = _stack(arguments)
     gates = [Gate.parse(text) for text in arguments.gate]
     if arguments.gates is not None:
         gates += gates_of(arguments.gates)
@@ -114,15 +145,21 @@ def _replay(arguments: argparse.Namespace) -> int:
         check_names(gates, metric_names(config))
 
     estimate, truth = _sources(arguments)
-    check_targets([*reports, *([series] if series else [])], [*estimate.paths, *truth.paths])
-    hashed = arguments.json or any(report.format == 'json' for report in reports)
+    targets = [*reports, *(target for target in (series, manifest) if target)]
+    check_targets(targets, [*estimate.paths, *truth.paths])
+    formats = {target.format for target in targets}
+    hashed = arguments.json or not formats.isdisjoint(HASHED)
     result = score_run(estimate, truth, config, gates, hashed)
+    if series or not formats.isdisjoint(RUNNING):
+        result = replace(result, series=_series(config, estimate, truth))
     done = [
         written('replay', report, lambda report=report: REPORTS[report.format](result))
         for report in reports
     ]
     if series:
-        done.append(written('replay', series, lambda: _series(config, estimate, truth)))
+        done.append(written('replay', series, lambda: series_csv(result.series)))
+    if manifest:
+        done.append(written('replay', manifest, lambda: _manifest(arguments, stack, result)))
     print(REPORTS['json'](result) if arguments.json else text_report(result), end='', flush=True)
     if not all(done):
         return UNABLE
@@ -146,9 +183,36 @@ def _sources(arguments: argparse.Namespace) -> list[Source]:
     return sources
 
 
-def _series(config: EvaluationConfig, estimate: Source, truth: Source) -> str:
-    """Return the running values of the run as CSV."""
+def _series(
+    config: EvaluationConfig, estimate: Source, truth: Source
+) -> list[tuple[int, dict[str, float]]]:
+    """Return the running values of the run."""
     zero_stamps = (estimate.zero_stamps, truth.zero_stamps)
     # what a live evaluation would have shown, it showed of poses as first published
     poses = estimate.poses if estimate.causal is None else estimate.causal
-    return series_csv(running_series(config, poses, truth.poses, zero_stamps))
+    return list(running_series(config, poses, truth.poses, zero_stamps))
+
+
+def _stack(arguments: argparse.Namespace) -> Stack:
+    """Return what the command line says of the software under test."""
+    given = {key: getattr(arguments, f'stack_{key}') for key in STACK_KEYS}
+    others = (arguments.sequence, arguments.calibration, *given.values())
+    if arguments.manifest is None and any(value is not None for value in others):
+        raise ConfigError('what is said of the sequence and the stack goes with --manifest')
+    return Stack.of(given, arguments.calibration or ())
+
+
+def _manifest(arguments: argparse.Namespace, stack: Stack, result: Result) -> str:
+    """Return the manifest of the run."""
+    estimate, truth = result.estimate, result.ground_truth
+    run = ScoredRun(
+        estimate.source,
+        truth.source,
+        result,
+        recording=arguments.recording,
+        times=arguments.times,
+    )
+    manifest = Manifest(arguments.manifest)
+    name = arguments.sequence or (arguments.recording or truth.paths[0]).stem
+    manifest.add_sequence(name, result.config, stack, [run])
+    return manifest.to_json()

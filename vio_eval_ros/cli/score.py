@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 import os
 from pathlib import Path
 import sys
@@ -12,11 +13,13 @@ from typing import Any
 from vio_eval_ros.cli.shell import complain, FAILED, Parser, PASSED, run, UNABLE
 from vio_eval_ros.cli.targets import check_targets, Target, written
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.reports import write
-from vio_eval_ros.scoring.baseline import Baseline, CONDITIONS, definition_sha256
+from vio_eval_ros.reports.text import printable
+from vio_eval_ros.scoring.baseline import Baseline, CONDITIONS, definition_sha256, Recorded
 from vio_eval_ros.scoring.documents import SUITE_REPORTS, suite_text
+from vio_eval_ros.scoring.manifest import manifest_of_suite
 from vio_eval_ros.scoring.scoring import compared, score_suite, SuiteResult
 from vio_eval_ros.scoring.suite import Suite
+from vio_eval_ros.scoring.verification import verify
 
 EXAMPLES = """
 examples:
@@ -24,8 +27,10 @@ examples:
   score suite.yaml --record-baseline baseline.json
   score suite.yaml --baseline baseline.json --report junit:junit.xml --report markdown:score.md
   score suite.yaml --tags easy --set options.alignment=sim3 --set sequences.V1_02.gates='{}'
+  score --verify manifest.json
 
-exit status: 0 all passed, 1 a gate failed or the baseline was better, 2 could not be done
+exit status: 0 all passed (or reproduced), 1 a gate failed or the baseline was better (or not
+reproduced), 2 could not be done
 """
 
 
@@ -37,7 +42,9 @@ def main(argv: list[str] | None = None) -> int:
 
 def _parser() -> Parser:
     parser = Parser(prog='score', description=__doc__, epilog=EXAMPLES)
-    parser.add_argument('suite', type=Path, metavar='SUITE.yaml', help='what is scored, and how')
+    parser.add_argument(
+        'suite', nargs='?', type=Path, metavar='SUITE.yaml', help='what is scored, and how'
+    )
     parser.add_argument(
         '--set',
         action='append',
@@ -46,12 +53,18 @@ def _parser() -> Parser:
         help='override a value of the suite, such as options.alignment=sim3; may be repeated',
     )
     parser.add_argument(
-        '--tags', nargs='+', default=[], metavar='TAG', help='score the sequences with such a tag'
+        '--tags',
+        nargs='+',
+        default=[],
+        metavar='TAG',
+        help='score the sequences with such a tag or name',
     )
     parser.add_argument(
         '--jobs',
         type=int,
-        default=os.cpu_count() or 1,
+        default=len(os.sched_getaffinity(0))
+        if hasattr(os, 'sched_getaffinity')
+        else os.cpu_count(),
         metavar='N',
         help='how many processes (default: one for each core)',
     )
@@ -84,27 +97,38 @@ def _parser() -> Parser:
         metavar='FORMAT:PATH',
         help=f'write a report; {", ".join(SUITE_REPORTS)}; may be repeated',
     )
+    output.add_argument(
+        '--manifest',
+        type=Path,
+        metavar='FILE',
+        help='write what the results were made of (default: where the suite says, if it does)',
+    )
+    parser.add_argument(
+        '--verify',
+        type=Path,
+        metavar='MANIFEST',
+        help='instead of a suite, score again what a manifest names: does it give the same?',
+    )
     return parser
 
 
 def _score(arguments: argparse.Namespace) -> int:
+    if arguments.verify is not None:
+        return _verify(arguments)
+    if arguments.suite is None:
+        raise ConfigError('give a SUITE.yaml, or a manifest to --verify')
     if arguments.jobs < 1:
         raise ConfigError('--jobs: at least 1 is needed')
-    targets = [Target.parse(text, SUITE_REPORTS) for text in arguments.report]
-    check_targets(targets, [arguments.suite])
-    suite = Suite.load(arguments.suite, arguments.set)
-    if arguments.tags:
-        suite = suite.tagged(arguments.tags)
+    suite = Suite.load(arguments.suite, arguments.set, arguments.tags)
+    outputs = _outputs(arguments, suite)
     baseline = None if arguments.baseline is None else Baseline.load(arguments.baseline)
+    if baseline is not None:  # before hours of scoring, what can be known by then
+        conditions = {one.name: Recorded(one.config.to_dict()) for one in suite.sequences}
+        baseline.check(conditions, arguments.accept)
     result = score_suite(suite, arguments.jobs, _progress)
     if baseline is not None:
         result = compared(result, baseline, arguments.accept)
-    done = [
-        written('score', target, lambda target=target: SUITE_REPORTS[target.format](result))
-        for target in targets
-    ]
-    if arguments.record_baseline is not None:
-        _record(arguments.record_baseline, result)
+    done = [written('score', target, partial(render, result)) for target, render in outputs]
     text = SUITE_REPORTS['json'](result) if arguments.json else suite_text(result)
     print(text, end='', flush=True)
     if not all(done):
@@ -112,12 +136,44 @@ def _score(arguments: argparse.Namespace) -> int:
     return PASSED if result.passed else FAILED
 
 
-def _record(file: Path, result: SuiteResult) -> None:
+def _outputs(
+    arguments: argparse.Namespace, suite: Suite
+) -> list[tuple[Target, Callable[[SuiteResult], str]]]:
+    """Return each file that is to be written, and what makes its text."""
+    targets = [Target.parse(text, SUITE_REPORTS) for text in arguments.report]
+    outputs = [(target, SUITE_REPORTS[target.format]) for target in targets]
+    if arguments.record_baseline is not None:
+        outputs.append((Target.of('baseline', arguments.record_baseline), _recorded))
+    manifest = arguments.manifest or suite.manifest
+    if manifest is not None:
+        render = manifest_of_suite(manifest, suite, arguments.baseline)
+        outputs.append((Target.of('manifest', manifest), render))
+    inputs = [arguments.suite, *([arguments.baseline] if arguments.baseline else []), *suite.paths]
+    check_targets([target for target, _ in outputs], inputs)
+    return outputs
+
+
+def _verify(arguments: argparse.Namespace) -> int:
+    """Print what has changed since a manifest was written."""
+    defaults = vars(_parser().parse_args(['--verify', str(arguments.verify)]))
+    for name, value in vars(arguments).items():
+        if value != defaults[name]:
+            raise ConfigError(f'--verify goes alone, without {name.replace("_", "-")}')
+    found = verify(arguments.verify, _progress)
+    lines = [*found.differences, *(f'note: {note}' for note in found.notes)]
+    verdict = 'not reproduced' if found.differences else 'reproduced to the last bit'
+    lines.append(f'{verdict}: {found.reproduced} of {found.runs} runs are as they were')
+    print('\n'.join(printable(line) for line in lines), flush=True)
+    return FAILED if found.differences else PASSED
+
+
+def _recorded(result: SuiteResult) -> str:
+    """Return the result as a baseline."""
     recorded = {one.sequence.name: one.recorded for one in result.sequences}
     for name, one in recorded.items():
-        if not any(name != 'success_rate' and values for name, values in one.metrics.items()):
+        if not one.metrics:
             complain('score', f'{name}: no run of it was scored; the baseline has nothing of it')
-    write(file, Baseline(definition_sha256(), recorded).to_json())
+    return Baseline(definition_sha256(), recorded).to_json()
 
 
 def _progress(items: Iterable[Any], total: int) -> Iterator[Any]:
@@ -127,4 +183,5 @@ def _progress(items: Iterable[Any], total: int) -> Iterator[Any]:
     else:
         from tqdm import tqdm
 
+        tqdm.monitor_interval = 0  # no thread: processes are forked
         yield from tqdm(items, 'scoring', total, unit='run', leave=False)

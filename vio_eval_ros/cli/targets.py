@@ -23,9 +23,14 @@ class Target(NamedTuple):
         name, _, path = text.partition(':')
         if name not in formats or not path:
             raise ConfigError(f"'{text}': write FORMAT:PATH with a format of {', '.join(formats)}")
-        if not Path(path).parent.is_dir():
-            raise ConfigError(f"'{text}': there is no folder {Path(path).parent}")
-        return cls(name, Path(path))
+        return cls.of(name, Path(path))
+
+    @classmethod
+    def of(cls, name: str, path: Path) -> Target:
+        """Return the target, in a folder that is there."""
+        if not path.parent.is_dir():
+            raise ConfigError(f"'{name}:{path}': there is no folder {path.parent}")
+        return cls(name, path)
 
 
 def check_targets(targets: Sequence[Target], inputs: Sequence[Path]) -> None:
@@ -38,7 +43,7 @@ def check_targets(targets: Sequence[Target], inputs: Sequence[Path]) -> None:
         taken[path] = f'{target.format}:{target.path}'
 
 
-def written(verb: str, target: Target, render: Callable[[], str]) -> bool:
+def written(verb: str, target: Target, render: Callable[[], str | bytes]) -> bool:
     """Return whether a report could be written; a complaint about one does not stop others."""
     try:
         write(target.path, render())

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 import math
+from pathlib import Path
 from typing import Any
 
 from vio_eval_ros import __version__
@@ -26,6 +27,7 @@ class Input:
     :param sha256: of the files, one behind the other; None for a live topic or a pipe.
     :param stream: what the association counted of it.
     :param offset_s: what was added to its stamps; they are reported as recorded.
+    :param paths: the files.
     """
 
     source: str
@@ -33,6 +35,7 @@ class Input:
     sha256: str | None
     stream: Stream
     offset_s: float = 0.0
+    paths: tuple[Path, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Return the description with its counts."""
@@ -53,13 +56,18 @@ class Input:
 
 @dataclass(frozen=True, eq=False)
 class Result:
-    """What was compared, how, what came out, and whether it is good enough."""
+    """
+    What was compared, how, what came out, and whether it is good enough.
+
+    :param series: stamp [ns] and running values of each second, for the reports that show them.
+    """
 
     estimate: Input
     ground_truth: Input
     config: EvaluationConfig
     summary: Summary
     verdicts: Sequence[Verdict] = ()
+    series: Sequence[tuple[int, Mapping[str, float]]] = ()
 
     @property
     def passed(self) -> bool | None:

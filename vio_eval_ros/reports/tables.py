@@ -1,4 +1,4 @@
-"""Reports of every pair: errors as CSV, the aligned estimate as a TUM file."""
+"""Reports in tables: every pair as CSV and TUM files, the figures for LaTeX."""
 
 from __future__ import annotations
 
@@ -8,9 +8,11 @@ import math
 import numpy as np
 
 from vio_eval_ros.core.metrics import position_errors, rotation_errors
+from vio_eval_ros.core.statistics import STATISTICS
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.reports.result import Result
+from vio_eval_ros.reports.text import number, rows
 
 
 def csv_report(result: Result) -> str:
@@ -36,7 +38,30 @@ def csv_report(result: Result) -> str:
 
 def tum_report(result: Result) -> str:
     """Return the associated estimate, aligned to the ground truth, as a TUM file."""
-    return tum(result.summary.alignment.apply(result.summary.pairs.estimate))
+    return tum(aligned(result))
+
+
+def latex_report(result: Result) -> str:
+    """Return the statistics of the errors as a LaTeX table (booktabs)."""
+    from tabulate import tabulate
+
+    table = [[label, *map(number, values)] for label, values in rows(result)]
+    sides = ('left', *['right'] * len(STATISTICS))
+    heads = ['error', *STATISTICS]
+    text = tabulate(table, heads, 'latex_booktabs', colalign=sides, disable_numparse=True)
+    return text + '\n'
+
+
+def aligned(result: Result) -> Trajectory:
+    """
+    Return the associated estimate in the world of the ground truth.
+
+    :raises ConfigError: where there is none, since the alignment is not determined.
+    """
+    trajectory = result.summary.alignment.apply(result.summary.pairs.estimate)
+    if math.isnan(trajectory.positions.sum()):
+        raise ConfigError('there is no aligned trajectory: the alignment is not determined')
+    return trajectory
 
 
 def tum(trajectory: Trajectory) -> str:
@@ -47,8 +72,6 @@ def tum(trajectory: Trajectory) -> str:
     """
     if trajectory.rotations is None:
         raise ConfigError('a TUM file needs orientations, and there are none; use a csv report')
-    if math.isnan(trajectory.positions.sum()):
-        raise ConfigError('there is no aligned trajectory: the alignment is not determined')
     seconds, rest = np.divmod(np.abs(trajectory.stamps_ns), 10**9)
     table = np.empty((len(trajectory), 10), object)
     table[:, 0] = np.where(trajectory.stamps_ns < 0, '-', '')

@@ -10,9 +10,11 @@ few values to test with.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 import hashlib
+from itertools import combinations
 import json
 import math
 from pathlib import Path
@@ -26,8 +28,10 @@ from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError, ReadError
+from vio_eval_ros.settings import finite
 
 SCHEMA = 'vio_eval_ros.baseline/1'
+MAX_BYTES = 1 << 26
 RESAMPLES = 9999
 SEED = 0
 CONFIDENCE = 0.95
@@ -49,22 +53,24 @@ class Rule(NamedTuple):
     """
 
     metric: str
-    relative: float = 0.12
+    relative: float = 0.16
     absolute: float = 0.0
     mad: float = 0.0
-    p: float = 0.025
+    p: float = 0.05
 
     @classmethod
     def of(cls, metric: str, limits: Any) -> Rule:
-        """Return the rule of ``{relative: 0.12, absolute: 0.01, mad: 3, p: 0.025}``."""
-        names = cls._fields[1:]
-        if not isinstance(limits, Mapping) or not limits.keys() <= set(names):
-            raise ConfigError(f'compare {metric}: give any of {", ".join(names)} as numbers')
-        for name, value in limits.items():
-            if isinstance(value, bool) or not isinstance(value, (int, float)) or not value >= 0:
-                raise ConfigError(f"compare {metric}: {name}: '{value}' is no number from 0 on")
+        """Return the rule of ``{relative: 0.16, absolute: 0.01, mad: 3, p: 0.05}``."""
+        known = cls._fields[1:]
+        if not isinstance(limits, Mapping) or not limits.keys() <= set(known):
+            raise ConfigError(f'compare {metric}: give any of {", ".join(known)} as numbers')
+        numbers = {name: finite(value) for name, value in limits.items()}
+        for name, number in numbers.items():
+            if not 0 <= number <= (1 if name == 'p' else math.inf):
+                least = 'number from 0 to 1' if name == 'p' else 'finite number from 0 on'
+                raise ConfigError(f"compare {metric}: {name}: '{limits[name]}' is no {least}")
         sign(metric)
-        return cls(metric, **limits)
+        return cls(metric, **numbers)
 
 
 def sign(metric: str) -> int:
@@ -90,11 +96,9 @@ class Distribution:
     @property
     def mad(self) -> float:
         """Median absolute deviation from the median; NaN of nothing."""
-        return (
-            float(np.median(np.abs(np.array(self.values) - self.median)))
-            if self.values
-            else (math.nan)
-        )
+        if not self.values:
+            return math.nan
+        return float(np.median(np.abs(np.array(self.values) - self.median)))
 
     def to_dict(self) -> dict[str, float]:
         """Return the numbers by which a distribution is told."""
@@ -116,7 +120,6 @@ class Comparison:
     :param difference: of the medians, candidate minus baseline.
     :param allowed: by how much it may be worse.
     :param p_value: one-sided; NaN where there are too few runs for any to be below the rule's.
-    :param interval: bootstrap confidence interval (95 %) of the difference; NaN of single runs.
     """
 
     rule: Rule
@@ -125,8 +128,14 @@ class Comparison:
     difference: float
     allowed: float
     p_value: float
-    interval: tuple[float, float]
     worse: bool
+
+    @cached_property
+    def interval(self) -> tuple[float, float]:
+        """Bootstrap confidence interval (95 %) of the difference; NaN of single runs."""
+        if min(len(self.baseline.values), len(self.candidate.values)) < 2:
+            return math.nan, math.nan
+        return _interval(self.baseline.values, self.candidate.values)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the comparison as results have it."""
@@ -155,66 +164,92 @@ def compare(rule: Rule, baseline: Sequence[float], candidate: Sequence[float]) -
     old, new = Distribution(tuple(baseline)), Distribution(tuple(candidate))
     difference = new.median - old.median
     allowed = max(rule.relative * abs(old.median), rule.absolute, rule.mad * old.mad)
-    p_value, interval = math.nan, (math.nan, math.nan)
+    p_value = math.nan
     if not old.values or not new.values:
         worse = bool(old.values)
     else:
         if 1 / math.comb(len(old.values) + len(new.values), len(new.values)) <= rule.p:
-            p_value, interval = _significance(sign(rule.metric), old.values, new.values)
-        beyond = sign(rule.metric) * difference > allowed
-        worse = beyond and not p_value > rule.p
-    return Comparison(rule, old, new, difference, allowed, p_value, interval, worse)
+            p_value = _p_value(sign(rule.metric), old.values, new.values)
+        worse = sign(rule.metric) * difference > allowed and not p_value > rule.p
+    return Comparison(rule, old, new, difference, allowed, p_value, worse)
 
 
-def _significance(
-    worse: int, old: Sequence[float], new: Sequence[float]
-) -> tuple[float, tuple[float, float]]:
-    """Return the p-value of the difference, and the confidence interval of that of medians."""
-    try:
-        from scipy.stats import bootstrap, permutation_test, trim_mean
-    except ImportError:
-        raise ConfigError(
-            "a baseline of repeated runs needs scipy: pip install 'vio_eval_ros[score]'"
-        ) from None
+def _p_value(worse: int, old: Sequence[float], new: Sequence[float]) -> float:
+    """
+    Return how probable a difference like that is if nothing but chance tells the runs apart.
 
-    def of_middles(one: np.ndarray, other: np.ndarray, axis: int = -1) -> np.ndarray:
-        return np.asarray(trim_mean(one, TRIMMED, axis) - trim_mean(other, TRIMMED, axis))
+    Of all ways to deal the values out to two groups of these sizes it is the share that sets them
+    apart as much; where there are more than RESAMPLES ways, of as many random ones.
+    """
+    values, size = np.array([*new, *old]), len(new)
+    if math.comb(len(values), size) <= RESAMPLES:
+        first = np.array(list(combinations(range(len(values)), size)))
+        others = np.ones((len(first), len(values)), bool)
+        np.put_along_axis(others, first, False, axis=1)
+        orders = np.hstack([first, np.nonzero(others)[1].reshape(len(first), -1)])
+    else:
+        orders = np.tile(np.arange(len(values)), (RESAMPLES, 1))
+        orders[1:] = np.random.default_rng(SEED).permuted(orders[1:], axis=1)
+    dealt = values[orders]
+    apart = worse * (_trimmed_mean(dealt[:, :size]) - _trimmed_mean(dealt[:, size:]))
+    # the first is as it was; what equals it may differ in the last bits
+    return float(np.mean(apart >= apart[0] - 1e-12 * np.abs(values).max()))
 
-    def of_medians(one: np.ndarray, other: np.ndarray, axis: int = -1) -> np.ndarray:
-        return np.asarray(np.median(one, axis=axis) - np.median(other, axis=axis))
 
-    samples = (np.array(new), np.array(old))
-    side = 'greater' if worse > 0 else 'less'
-    # exact where there are no more permutations than this
-    test = permutation_test(
-        samples,
-        of_middles,
-        vectorized=True,
-        n_resamples=RESAMPLES,
-        alternative=side,
-        rng=np.random.default_rng(SEED),
+def _trimmed_mean(values: np.ndarray) -> np.ndarray:
+    """Return the mean of each row without the outermost fifth on either side."""
+    cut = int(TRIMMED * values.shape[1])
+    kept = np.sort(values, axis=1)[:, cut : values.shape[1] - cut]
+    return np.asarray(kept.mean(axis=1))
+
+
+def _interval(old: Sequence[float], new: Sequence[float]) -> tuple[float, float]:
+    """Return the bootstrap confidence interval (percentiles) of the difference of the medians."""
+    random = np.random.default_rng(SEED)
+    one, other = (
+        np.median(np.array(values)[random.integers(len(values), size=(RESAMPLES, len(values)))], 1)
+        for values in (new, old)
     )
-    if min(map(len, samples)) < 2:
-        return float(test.pvalue), (math.nan, math.nan)
-    interval = bootstrap(
-        samples,
-        of_medians,
-        vectorized=True,
-        n_resamples=RESAMPLES,
-        confidence_level=CONFIDENCE,
-        method='percentile',
-        rng=np.random.default_rng(SEED),
-    ).confidence_interval
-    return float(test.pvalue), (float(interval.low), float(interval.high))
+    beyond = (1 - CONFIDENCE) / 2
+    low, high = np.quantile(one - other, [beyond, 1 - beyond])
+    return float(low), float(high)
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """What a baseline holds of one sequence."""
+    """
+    What a baseline holds of one sequence.
+
+    :param ground_truth_sha256: None where each run has its own, in its recording.
+    :param metrics: the values of all runs; none at all where no run could be scored.
+    """
 
     options: Mapping[str, Any]
-    ground_truth_sha256: str | None
-    metrics: Mapping[str, tuple[float, ...]]
+    ground_truth_sha256: str | None = None
+    metrics: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+
+    @classmethod
+    def of(cls, content: Mapping[str, Any]) -> Recorded:
+        """Return what the file has of a sequence; ``ValueError`` and others where it is wrong."""
+        metrics = {
+            metric: tuple(finite(value) for value in of['values'])
+            for metric, of in content['metrics'].items()
+        }
+        for metric, values in metrics.items():
+            if not values or any(map(math.isnan, values)):
+                raise ValueError(f'{metric} has values that are no numbers, or none')
+        truth = content['ground_truth_sha256']
+        return cls(dict(content['options']), truth if truth is None else str(truth), metrics)
+
+    def differences(self, now: Recorded) -> Iterator[tuple[str, str]]:
+        """Yield which condition is another now, and how."""
+        for key in {**self.options, **now.options}:
+            before, after = self.options.get(key), now.options.get(key)
+            if before != after:
+                yield 'options', f'{key} was {before}, is {after}'
+        both_scored = self.metrics and now.metrics
+        if both_scored and self.ground_truth_sha256 != now.ground_truth_sha256:
+            yield 'ground_truth', 'the ground truth is another'
 
 
 @dataclass(frozen=True)
@@ -236,21 +271,15 @@ class Baseline:
         :raises ReadError: a file that is not there, truncated, or of another schema.
         """
         try:
-            content = json.loads(file.read_text(encoding='utf-8'))
+            with file.open(encoding='utf-8') as opened:
+                content = json.loads(opened.read(MAX_BYTES))
             if content['schema'] != SCHEMA:
                 raise ReadError(file, f'is of schema {content["schema"]}, not {SCHEMA}')
-            sequences = {
-                name: Recorded(
-                    one['options'],
-                    one['ground_truth_sha256'],
-                    {metric: tuple(of['values']) for metric, of in one['metrics'].items()},
-                )
-                for name, one in content['sequences'].items()
-            }
-            return cls(content['definition_sha256'], sequences)
+            sequences = {name: Recorded.of(one) for name, one in content['sequences'].items()}
+            return cls(str(content['definition_sha256']), sequences)
         except OSError as error:
             raise ReadError(file, error.strerror or str(error)) from None
-        except (ValueError, KeyError, TypeError, AttributeError) as error:
+        except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
             raise ReadError(
                 file, f'is no baseline, or a damaged one ({type(error).__name__}: {error})'
             ) from None
@@ -287,27 +316,25 @@ class Baseline:
         :param accepted: any of ``CONDITIONS``.
         :raises ConfigError: they differ otherwise; the message says which.
         """
-        differences = []
+        found: dict[tuple[str, str], list[str]] = {}
         if self.definition_sha256 != definition_sha256():
-            differences.append(('definition', 'the metrics were defined otherwise'))
+            found['definition', 'the metrics were defined otherwise'] = []
         for name, now in current.items():
-            before = self.sequences.get(name)
-            if before is None:
-                continue
-            for key, value in now.options.items():
-                if before.options.get(key) != value:
-                    problem = f'{name}: {key} was {before.options.get(key)}, is {value}'
-                    differences.append(('options', problem))
-            if before.ground_truth_sha256 != now.ground_truth_sha256:
-                differences.append(('ground_truth', f'{name}: the ground truth is another'))
-        refused = [item for item in differences if item[0] not in accepted]
+            if name in self.sequences:
+                for difference in self.sequences[name].differences(now):
+                    found.setdefault(difference, []).append(name)
+        texts = [
+            (condition, f'{", ".join(names)}: {what}' if names else what)
+            for (condition, what), names in found.items()
+        ]
+        refused = [(condition, text) for condition, text in texts if condition not in accepted]
         if refused:
-            kinds = ' '.join(dict.fromkeys(kind for kind, _ in refused))
+            conditions = ' '.join(dict.fromkeys(condition for condition, _ in refused))
             raise ConfigError(
                 f'the baseline cannot be compared: {"; ".join(text for _, text in refused)} '
-                f'(record it anew, or compare all the same with --accept {kinds})'
+                f'(record it anew, or compare all the same with --accept {conditions})'
             )
-        return [text for _, text in differences]
+        return [text for _, text in texts]
 
 
 def definition_sha256() -> str:

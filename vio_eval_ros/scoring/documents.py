@@ -9,6 +9,7 @@ from vio_eval_ros.core.gates import Verdict
 from vio_eval_ros.reports.documents import escaped, junit
 from vio_eval_ros.reports.text import number, percent, printable
 from vio_eval_ros.scoring.baseline import Comparison
+from vio_eval_ros.scoring.html import suite_html
 from vio_eval_ros.scoring.scoring import SequenceResult, SuiteResult
 from vio_eval_ros.scoring.suite import RunsGate, SUCCESS_RATE
 
@@ -17,6 +18,13 @@ COLUMNS = (
     'sequence', 'runs', 'ATE [m]', 'spread', 'baseline', 'change', 'p', 'coverage', 'success',
     'band', 'verdict',
 )  # fmt: skip
+LATEX = {
+    'ATE [m]': ATE,
+    'ATE [deg]': 'ate_rot_rmse_deg',
+    'RPE 1 s [m]': 'rpe_1s_trans_rmse_m',
+    'RPE 1 s [deg]': 'rpe_1s_rot_rmse_deg',
+    'coverage': 'coverage_ratio',
+}
 
 
 def suite_json(result: SuiteResult) -> str:
@@ -30,7 +38,8 @@ def suite_text(result: SuiteResult) -> str:
     """Return the table of sequences, worst first, and what is wrong with each."""
     from tabulate import tabulate
 
-    lines = [tabulate(_table(result), COLUMNS, 'simple', disable_numparse=True), '']
+    rows = [list(map(printable, row)) for row in _table(result)]
+    lines = [*tabulate(rows, COLUMNS, 'simple', disable_numparse=True).splitlines(), '']
     for one in _worst_first(result):
         lines += [f'{one.sequence.name}: {problem}' for problem in problems(one)]
     lines += [f'note: {note}' for note in result.notes]
@@ -38,7 +47,7 @@ def suite_text(result: SuiteResult) -> str:
     lines.append(
         f'{"FAIL" if failed else "pass"}: {failed} of {len(result.sequences)} sequences failed'
     )
-    return '\n'.join(printable(line) for text in lines for line in text.split('\n')) + '\n'
+    return '\n'.join(map(printable, lines)) + '\n'
 
 
 def suite_markdown(result: SuiteResult) -> str:
@@ -72,7 +81,8 @@ def suite_csv(result: SuiteResult) -> str:
             metrics = {'error': run.error} if run.result is None else run.result.summary.metrics
             for name, value in metrics.items():
                 shown = '' if isinstance(value, float) and math.isnan(value) else value
-                table.writerow([one.sequence.name, run.run.name, name, shown])
+                cells = (one.sequence.name, run.run.name, name, str(shown))
+                table.writerow(map(printable, cells))
     return text.getvalue()
 
 
@@ -82,25 +92,17 @@ def suite_latex(result: SuiteResult) -> str:
 
     rows = [
         [
-            one.sequence.name,
-            len(one.runs),
-            *(number(one.metrics[name].median) if name in one.metrics else '-' for name in LATEX),
+            printable(one.sequence.name),
+            str(len(one.runs)),
+            *(
+                number(one.metrics[name].median) if name in one.metrics else '-'
+                for name in LATEX.values()
+            ),
         ]
         for one in result.sequences
     ]
-    heads = [
-        'sequence',
-        'runs',
-        'ATE [m]',
-        'ATE [deg]',
-        'RPE 1 s [m]',
-        'RPE 1 s [deg]',
-        'coverage',
-    ]
+    heads = ['sequence', 'runs', *LATEX]
     return tabulate(rows, heads, 'latex_booktabs', disable_numparse=True) + '\n'
-
-
-LATEX = (ATE, 'ate_rot_rmse_deg', 'rpe_1s_trans_rmse_m', 'rpe_1s_rot_rmse_deg', 'coverage_ratio')
 
 
 def suite_junit(result: SuiteResult) -> str:
@@ -108,7 +110,7 @@ def suite_junit(result: SuiteResult) -> str:
     suites = []
     for one in result.sequences:
         cases: list[tuple[str, str | None]] = [
-            (_gate_name(gate), _broken(gate, verdict) if verdict.word == 'fail' else None)
+            (_gate_name(gate), _reason(one, gate, verdict) if verdict.word == 'fail' else None)
             for gate, verdict in one.verdicts
         ]
         cases += [
@@ -124,16 +126,26 @@ def problems(one: SequenceResult) -> Iterator[str]:
     """Yield a sentence for all that is wrong with a sequence, the grave things first."""
     yield from (f'FAIL {_broken(g, v)}' for g, v in one.verdicts if v.word == 'fail')
     yield from (f'FAIL {_worse(each)}' for each in one.comparisons or () if each.worse)
-    yield from (f'{run.run.name}: {run.error}' for run in one.runs if run.result is None)
+    yield from _unsuccessful(one)
+    failed = {gate.gate.metric for gate, verdict in one.verdicts if verdict.word == 'fail'}
+    for gate, verdict in one.verdicts:
+        if verdict.word == 'warn' and gate.gate.metric not in failed:
+            yield f'warn {_broken(gate, verdict)}'
+
+
+def _unsuccessful(one: SequenceResult) -> Iterator[str]:
+    """Yield each run that was no success, and why."""
     for run in one.runs:
-        if run.result is not None and not run.succeeded(one.sequence):
+        if run.result is None:
+            yield f'{run.run.name}: {run.error}'
+        elif not run.succeeded(one.sequence):
+            metrics = run.result.summary.metrics
             broken = [
-                f'{gate.metric} is {number(run.result.summary.metrics[gate.metric])}'
+                f'{gate.metric} is {number(metrics[gate.metric])}'
                 for gate in one.sequence.success_gates
-                if not gate.passes(run.result.summary.metrics[gate.metric])
+                if not gate.passes(metrics[gate.metric])
             ]
             yield f'{run.run.name}: no success, {" and ".join(broken)}'
-    yield from (f'warn {_broken(g, v)}' for g, v in one.verdicts if v.word == 'warn')
 
 
 def _table(result: SuiteResult) -> list[list[str]]:
@@ -182,6 +194,12 @@ def _broken(gate: RunsGate, verdict: Verdict) -> str:
     return f'{what} is {number(verdict.value)}, the gate is {verdict.gate}'
 
 
+def _reason(one: SequenceResult, gate: RunsGate, verdict: Verdict) -> str:
+    """Return why a gate failed, with the runs that were no success where it is about those."""
+    runs = _unsuccessful(one) if gate.gate.metric == SUCCESS_RATE else ()
+    return printable('; '.join([_broken(gate, verdict), *runs]))
+
+
 def _worse(one: Comparison) -> str:
     metric, low, high = one.rule.metric, *one.interval
     was, now = number(one.baseline.median), number(one.candidate.median)
@@ -194,6 +212,7 @@ SUITE_REPORTS: dict[str, Callable[[SuiteResult], str]] = {
     'json': suite_json,
     'junit': suite_junit,
     'markdown': suite_markdown,
+    'html': suite_html,
     'csv': suite_csv,
     'latex': suite_latex,
 }

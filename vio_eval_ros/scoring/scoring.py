@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from concurrent.futures import as_completed, Future, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 import math
 from multiprocessing import get_context
+from multiprocessing.connection import Connection, wait
+import signal
 from typing import Any
+import warnings
 
 from vio_eval_ros import __version__
 from vio_eval_ros.core.gates import judge, Verdict
@@ -112,11 +114,13 @@ class SequenceResult:
     @property
     def recorded(self) -> Recorded:
         """What a baseline keeps of it."""
-        hashes = {run.result.ground_truth.sha256 for run in self.runs if run.result is not None}
+        options = self.sequence.config.to_dict()
+        scored = next((run.result for run in self.runs if run.result is not None), None)
+        if scored is None:
+            return Recorded(options)
+        truth = None if self.sequence.truth_is_recorded else scored.ground_truth.sha256
         return Recorded(
-            self.sequence.config.to_dict(),
-            hashes.pop() if len(hashes) == 1 else None,
-            {name: found.values for name, found in self.metrics.items()},
+            options, truth, {name: found.values for name, found in self.metrics.items()}
         )
 
     def _judged(self, gate: RunsGate) -> Verdict:
@@ -150,7 +154,7 @@ class SequenceResult:
             },
             'baseline': None
             if self.comparisons is None
-            else [comparison.to_dict() for comparison in self.comparisons],
+            else {each.rule.metric: each.to_dict() for each in self.comparisons},
             'verdict': 'pass' if self.passed else 'fail',
         }
 
@@ -192,28 +196,41 @@ def compared(result: SuiteResult, baseline: Baseline, accepted: Iterable[str] = 
     """
     current = {one.sequence.name: one.recorded for one in result.sequences}
     notes = [f'compared in spite of: {text}' for text in baseline.check(current, accepted)]
-    sequences = []
-    for one in result.sequences:
-        before = baseline.sequences.get(one.sequence.name)
-        if before is None:
-            notes.append(f'{one.sequence.name}: not in the baseline')
-            sequences.append(one)
-            continue
-        comparisons = [
-            compare(
-                rule,
-                before.metrics.get(rule.metric, ()),
-                one.recorded.metrics.get(rule.metric, ()),
-            )
-            for rule in one.sequence.rules
-        ]
-        sequences.append(SequenceResult(one.sequence, one.runs, comparisons))
+    sequences = [_compared(one, baseline.sequences) for one in result.sequences]
+    for one in sequences:
+        notes += [f'{one.sequence.name}: {note}' for note in _unanswered(one)]
     notes += [
         f'{name}: in the baseline, not scored'
         for name in baseline.sequences
         if name not in current
     ]
     return SuiteResult(sequences, (*result.notes, *notes))
+
+
+def _compared(one: SequenceResult, baseline: Mapping[str, Recorded]) -> SequenceResult:
+    if one.sequence.name not in baseline:
+        return one
+    before, now = baseline[one.sequence.name].metrics, one.recorded.metrics
+    comparisons = [
+        compare(rule, before.get(rule.metric, ()), now.get(rule.metric, ()))
+        for rule in one.sequence.rules
+    ]
+    return SequenceResult(one.sequence, one.runs, comparisons)
+
+
+def _unanswered(one: SequenceResult) -> Iterator[str]:
+    """Yield what the baseline could not tell of a sequence."""
+    if one.comparisons is None:
+        yield 'not in the baseline'
+    for each in one.comparisons or ():
+        before, now = each.baseline.values, each.candidate.values
+        if not before:
+            yield f'no {each.rule.metric} in the baseline'
+        elif now and math.isnan(each.p_value):
+            yield (
+                f'{len(before)} and {len(now)} runs are too few to tell chance from change; '
+                f'{each.rule.metric} is compared by its limits alone'
+            )
 
 
 def score_suite(
@@ -229,66 +246,102 @@ def score_suite(
     :param progress: wraps the iterable of finished runs given their number, as ``tqdm`` would.
     """
     work = [(sequence, run) for sequence in suite.sequences for run in sequence.runs]
-    found: dict[int, RunResult] = {}
-    for k, result in progress(_scored(work, jobs), len(work)):
-        found[k] = result
-    results, k = [], 0
-    for sequence in suite.sequences:
-        runs = [found[k + n] for n in range(len(sequence.runs))]
-        results.append(SequenceResult(sequence, runs))
-        k += len(runs)
-    return SuiteResult(results)
+    with closing(_in_processes(work, jobs)) as scored:
+        found = dict(progress(scored, len(work)))
+    ordered = iter([found[k] for k in range(len(work))])
+    return SuiteResult(
+        [
+            SequenceResult(sequence, [next(ordered) for _ in sequence.runs])
+            for sequence in suite.sequences
+        ]
+    )
 
 
-def _scored(work: list[tuple[Sequence, Run]], jobs: int) -> Iterator[tuple[int, RunResult]]:
-    """Yield the number and result of each run, as they are finished."""
-    suspects = []
-    for k, outcome in _in_processes(dict(enumerate(work)), jobs):
-        if outcome is None:
-            suspects.append(k)
-        else:
-            yield k, outcome
-    # a process died, and took the runs of others with it: each of them gets one of its own
-    for k in suspects:
-        for _, outcome in _in_processes({k: work[k]}, 1):
-            run = work[k][1]
-            yield k, outcome or RunResult(run, None, 'the process that scored it died')
+def _in_processes(work: list[tuple[Sequence, Run]], jobs: int) -> Iterator[tuple[int, RunResult]]:
+    """Yield number and result of each run, as they are finished."""
+    waiting = iter(range(len(work)))
+    workers: list[_Worker] = []
+    try:
+        while True:
+            while len(workers) < jobs and (k := next(waiting, None)) is not None:
+                workers.append(_Worker(work))
+                workers[-1].begin(k)
+            if not workers:
+                return
+            ready = wait([worker.pipe for worker in workers])
+            for worker in [worker for worker in workers if worker.pipe in ready]:
+                yield worker.k, worker.result()
+                if worker.process.is_alive() and (k := next(waiting, None)) is not None:
+                    worker.begin(k)
+                else:
+                    worker.pipe.close()
+                    workers.remove(worker)
+    finally:
+        for worker in workers:
+            worker.process.kill()
+            worker.process.join()
 
 
-def _in_processes(
-    work: Mapping[int, tuple[Sequence, Run]], jobs: int
-) -> Iterator[tuple[int, RunResult | None]]:
-    """Yield the result of each run; None where the process that had it died."""
-    with ProcessPoolExecutor(min(jobs, len(work)), get_context('fork')) as pool:
-        futures: dict[Future[RunResult], int] = {}
+class _Worker:
+    """A process that scores one run after the other; if it dies, that run is the only loss."""
+
+    def __init__(self, work: list[tuple[Sequence, Run]]) -> None:
+        context = get_context('fork')
+        self.work = work
+        self.pipe, end = context.Pipe()
+        self.process = context.Process(target=_serve, args=(work, end, self.pipe))
+        with warnings.catch_warnings():  # of threads: numpy's, which outlive a fork
+            warnings.simplefilter('ignore', DeprecationWarning)
+            self.process.start()
+        end.close()
+        self.k = -1
+
+    def begin(self, k: int) -> None:
+        """Have a run scored."""
+        self.k = k
+        with suppress(BrokenPipeError):  # whether it lives, its answer tells
+            self.pipe.send(k)
+
+    def result(self) -> RunResult:
+        """Return the result of that run, when there is something in the pipe."""
         try:
-            futures |= {pool.submit(_score, *one): k for k, one in work.items()}
-            for future in as_completed(futures):
-                try:
-                    yield futures[future], future.result()
-                except BrokenProcessPool:
-                    yield futures[future], None
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+            result: RunResult = self.pipe.recv()
+        except (EOFError, OSError):
+            self.process.join()
+            code = self.process.exitcode or 0
+            how = signal.strsignal(-code) if code < 0 else f'exit status {code}'
+            problem = f'the process that scored it died: {how}'
+            return RunResult(self.work[self.k][1], None, problem)
+        return result
+
+
+def _serve(work: list[tuple[Sequence, Run]], pipe: Connection, other_end: Connection) -> None:
+    """Score the runs whose numbers come through a pipe, until its other end is closed."""
+    other_end.close()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the process that waits
+    with suppress(EOFError):
+        while True:
+            pipe.send(_score(*work[pipe.recv()]))
 
 
 def _score(sequence: Sequence, run: Run) -> RunResult:
-    """Return the result of a run; in a process of its own."""
+    """Return the result of a run, or why there is none."""
+    estimates = [run.estimate] if run.causal is None else [run.estimate, run.causal]
     try:
-        estimate, *causal = read_sources(
-            [spec for spec in (run.estimate, run.causal) if spec is not None], run.recording
-        )
-        if causal:
-            estimate = estimate.revising(causal[0])
-        truth = _truth(sequence.ground_truth, run.recording)
+        if sequence.truth_is_recorded:
+            *read, truth = read_sources([*estimates, sequence.ground_truth], run.recording)
+        else:
+            read, truth = read_sources(estimates, run.recording), _truth(sequence.ground_truth)
+        estimate = read[0] if run.causal is None else read[0].revising(read[1])
         return RunResult(run, score_run(estimate, truth, sequence.config))
     except (VioEvalError, OSError) as error:
-        return RunResult(run, None, ' '.join(str(error).split()))
+        problem = str(error)
     except Exception as error:
-        return RunResult(run, None, f'{type(error).__name__}: {" ".join(str(error).split())}')
+        problem = f'{type(error).__name__}: {error}'
+    return RunResult(run, None, ' '.join(problem.split()))
 
 
 @lru_cache(maxsize=2)
-def _truth(spec: str, recording: Any) -> Source:
+def _truth(spec: str) -> Source:
     """Return the ground truth, which runs of a sequence share."""
-    return read_sources([spec], recording)[0]
+    return read_sources([spec])[0]

@@ -17,30 +17,33 @@ of the suite, name by name.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from glob import glob, has_magic
+import math
 from pathlib import Path
 import re
-from typing import Any
+from typing import Any, NamedTuple
 
 from vio_eval_ros.core.config import EvaluationConfig, nearest_name
 from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.core.gates import Gate
 from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.recordings.sources import Spec
 from vio_eval_ros.scoring.baseline import Rule
-from vio_eval_ros.settings import load_yaml, Section
+from vio_eval_ros.settings import finite, load_yaml, parse_yaml, Section
 
 SHARED_KEYS = ('options', 'gates', 'compare', 'bands', 'modality', 'tags', 'stack', 'calibration')
 SEQUENCE_KEYS = ('name', 'estimate', 'causal', 'ground_truth', 'recording', *SHARED_KEYS)
 SUCCESS_RATE = 'success_rate'
-#: what keeps a lost track from winning; a suite may set other limits, but not do without
+#: what keeps a lost track from winning; a suite may set other limits, but not leave them out
 DEFAULT_GATES = (
     Gate('coverage_ratio', '>=', 0.9),
     Gate('ate_extent_ratio', '<=', 0.5),
     Gate(SUCCESS_RATE, '>=', 1.0),
 )
 OVER = ('median', 'worst')
+GATE_KEYS = ('max', 'min', 'warn', 'of')
 MODALITIES = ('mono', 'stereo', 'mono-inertial', 'stereo-inertial')
 BAND_LIMITS = ('good', 'plausible', 'failed')
 
@@ -82,7 +85,7 @@ class Sequence:
     :param ground_truth: spec of the ground truth.
     :param rules: when a metric is worse than the baseline's.
     :param band: limits of what the literature has reached: good, plausible, failed [m].
-    :param files: of the stack and its calibration, for the manifest, see there.
+    :param stack: what made the estimates, and ``calibration`` with what, for the manifest.
     """
 
     name: str
@@ -96,6 +99,19 @@ class Sequence:
     tags: tuple[str, ...]
     stack: Mapping[str, Any]
     calibration: tuple[Path, ...]
+
+    @property
+    def paths(self) -> Iterable[Path]:
+        """The files that are read."""
+        for run in self.runs:
+            specs = (run.estimate, run.causal, self.ground_truth)
+            found = [run.recording, *(Spec.parse(spec).path for spec in specs if spec is not None)]
+            yield from (path for path in found if path is not None)
+
+    @property
+    def truth_is_recorded(self) -> bool:
+        """Whether each run brings a ground truth of its own, in its recording."""
+        return Spec.parse(self.ground_truth).path is None
 
     @property
     def success_gates(self) -> tuple[Gate, ...]:
@@ -117,11 +133,13 @@ class Suite:
     manifest: Path | None = None
 
     @classmethod
-    def load(cls, file: Path, overrides: Iterable[str] = ()) -> Suite:
+    def load(cls, file: Path, overrides: Iterable[str] = (), tags: Iterable[str] = ()) -> Suite:
         """
         Read a suite.
 
         :param overrides: ``key.key=value`` each; ``sequences.NAME.key`` reaches into a sequence.
+        :param tags: only sequences with such a tag, or name, are looked at; all where none is
+            given.
         :raises ConfigError: what is wrong in it, with its line; also a glob without a match.
         """
         top = load_yaml(file)
@@ -131,52 +149,70 @@ class Suite:
         listed = top.get('sequences')
         if not isinstance(listed, list) or not listed:
             raise top.error('sequences', 'sequences: a list with at least one is expected')
-        sequences = tuple(_sequence(top, one) for one in listed)
-        seen: set[str] = set()
-        for sequence, one in zip(sequences, listed, strict=True):
-            if sequence.name in seen:
-                raise one.error('name', f"there are two sequences '{sequence.name}'")
-            seen.add(sequence.name)
+        named: dict[str, Section] = {}
+        for one in listed:
+            if not isinstance(one, Section):
+                raise top.error('sequences', 'sequences: each is a mapping with name, estimate...')
+            one.expect(*SEQUENCE_KEYS)
+            name = _required(one, 'name')
+            if name in named:
+                raise one.error('name', f"there are two sequences '{name}'")
+            named[name] = one
+        chosen = _tagged(top, named, set(tags)) if tags else named.values()
         manifest = _text(top, 'manifest')
-        return cls(file, sequences, None if manifest is None else file.parent / manifest)
+        return cls(
+            file,
+            tuple(_sequence(top, one) for one in chosen),
+            None if manifest is None else file.parent / manifest,
+        )
 
-    def tagged(self, tags: Iterable[str]) -> Suite:
-        """Return the suite with the sequences that have one of these tags."""
-        wanted = set(tags)
-        known = {tag for sequence in self.sequences for tag in sequence.tags}
-        for tag in wanted - known:
-            raise ConfigError(f"no sequence has the tag '{tag}'{nearest_name(tag, known)}")
-        chosen = tuple(one for one in self.sequences if wanted & set(one.tags))
-        return Suite(self.file, chosen, self.manifest)
+    @property
+    def paths(self) -> Iterable[Path]:
+        """The files that are read."""
+        return dict.fromkeys(path for sequence in self.sequences for path in sequence.paths)
 
 
-def _sequence(top: Section, one: Any) -> Sequence:
-    if not isinstance(one, Section):
-        raise top.error('sequences', 'sequences: each is a mapping with name, estimate, ...')
-    one.expect(*SEQUENCE_KEYS)
-    name = _text(one, 'name')
-    if not name:
-        raise ConfigError(f'{top.file}: a sequence has no name')
-    truth = _text(one, 'ground_truth')
-    if not truth:
-        raise one.error('name', f'{name}: there is no ground_truth')
-    base = top.file.parent
+def _tagged(top: Section, named: Mapping[str, Section], wanted: set[str]) -> list[Section]:
+    """Return the sequences that have one of these tags; their name is one of them."""
+    tags = {name: {name, *_tags(top, one)} for name, one in named.items()}
+    known = set().union(*tags.values())
+    for tag in sorted(wanted - known):
+        raise ConfigError(f"no sequence has the tag '{tag}'{nearest_name(tag, known)}")
+    return [one for name, one in named.items() if wanted & tags[name]]
+
+
+def _tags(top: Section, one: Section) -> list[str]:
+    return _texts(one, 'tags') or _texts(top, 'tags')
+
+
+def _sequence(top: Section, one: Section) -> Sequence:
+    name, base = _required(one, 'name'), top.file.parent
     config = _config(top, one)
     runs = tuple(_runs(one, base))
+    truth, *others = (match.spec for match in _matches(one, 'ground_truth', base))
+    if others:
+        raise one.error('ground_truth', f'ground_truth: one is expected, not {1 + len(others)}')
     modality = _text(one, 'modality') or _text(top, 'modality')
     return Sequence(
         name,
         runs,
-        truth if runs[0].recording and truth.startswith('/') else _spec(base, truth),
+        truth,
         config,
         _gates(top, one, config),
         _rules(top, one, config),
         _band(top, one, name, modality),
         modality,
-        tuple(_texts(one, 'tags') or _texts(top, 'tags')),
+        tuple(_tags(top, one)),
         {**top.section('stack'), **one.section('stack')},
         tuple(base / path for path in _texts(one, 'calibration') or _texts(top, 'calibration')),
     )
+
+
+def _required(section: Section, key: str) -> str:
+    text = _text(section, key)
+    if not text:
+        raise section.error(key, f'a sequence needs its {key}')
+    return text
 
 
 def _text(section: Section, key: str) -> str | None:
@@ -195,34 +231,49 @@ def _texts(section: Section, key: str) -> list[str]:
 
 
 def _config(top: Section, one: Section) -> EvaluationConfig:
-    options = {**top.section('options'), **one.section('options')}
+    sections = (top.section('options'), one.section('options'))
+    for section in sections:
+        for key, value in section.items():
+            try:
+                EvaluationConfig.from_mapping({key: value})
+            except ConfigError as error:
+                raise section.error(key, error) from None
     try:
-        return EvaluationConfig.from_mapping(options)
-    except ConfigError as error:
-        for section in (one.section('options'), top.section('options')):
-            for key in section:
-                if re.search(rf'\b{re.escape(key)}\b', str(error)):
-                    raise section.error(key, error) from None
-        raise ConfigError(f'{top.file}: {error}') from None
+        return EvaluationConfig.from_mapping({**sections[0], **sections[1]})
+    except ConfigError as error:  # each is right, but not beside the others
+        raise one.error('options', error) from None
 
 
 def _gates(top: Section, one: Section, config: EvaluationConfig) -> tuple[RunsGate, ...]:
-    """Return the gates: the defaults, over them those of the suite, over them the sequence's."""
+    """Return the gates of the suite, over them those of the sequence; the defaults stay."""
+    gates: dict[str, list[RunsGate]] = {gate.metric: [] for gate in DEFAULT_GATES}
     known = [*metric_names(config), SUCCESS_RATE]
-    gates = {gate.metric: [RunsGate(gate)] for gate in DEFAULT_GATES}
     for section in (top.section('gates'), one.section('gates')):
-        for metric, bounds in section.items():
-            if metric not in known:
-                hint = nearest_name(metric, known)
-                raise section.error(metric, f"there is no metric '{metric}'{hint}")
+        for metric, bounds in _of_metrics(section, known):
             gates[metric] = list(_gates_of(section, metric, bounds))
+    for default in DEFAULT_GATES:
+        stated = [runs.gate._replace(limit=default.limit) for runs in gates[default.metric]]
+        if default not in stated:
+            gates[default.metric].insert(0, RunsGate(default))
     return tuple(gate for of_metric in gates.values() for gate in of_metric)
 
 
+def _of_metrics(section: Section, known: Iterable[str]) -> Iterable[tuple[str, Any]]:
+    """Yield what is stated of each metric; one that is unknown is an error."""
+    for metric, stated in section.items():
+        if metric not in known:
+            hint = nearest_name(metric, known)
+            raise section.error(metric, f"there is no metric '{metric}' with these options{hint}")
+        yield metric, stated
+
+
 def _gates_of(section: Section, metric: str, bounds: Any) -> Iterable[RunsGate]:
-    for each in bounds if isinstance(bounds, list) else [bounds]:
-        limits = dict(each) if isinstance(each, Mapping) else each
-        over = limits.pop('of', 'median') if isinstance(limits, dict) else 'median'
+    for each in bounds if isinstance(bounds, list) and bounds else [bounds]:
+        limits, over = each, 'median'
+        if isinstance(each, Section):
+            each.expect(*GATE_KEYS)
+            limits = {bound: limit for bound, limit in each.items() if bound != 'of'}
+            over = each.get('of', over)
         if over not in OVER:
             raise section.error(metric, f'gate {metric}: of is {" or ".join(OVER)}')
         try:
@@ -236,10 +287,9 @@ def _rules(top: Section, one: Section, config: EvaluationConfig) -> tuple[Rule, 
     known = metric_names(config)
     rules = {rule.metric: rule for rule in [Rule('ate_trans_rmse_m')]}
     for section in (top.section('compare'), one.section('compare')):
-        for metric, limits in section.items():
-            if metric not in known:
-                hint = nearest_name(metric, known)
-                raise section.error(metric, f"there is no metric '{metric}'{hint}")
+        for metric, limits in _of_metrics(section, known):
+            if isinstance(limits, Section):
+                limits.expect(*Rule._fields[1:])
             try:
                 rules[metric] = Rule.of(metric, limits)
             except ConfigError as error:
@@ -258,61 +308,85 @@ def _band(
     file = _text(section, 'bands')
     if file is None:
         return None
-    bands = load_yaml(top.file.parent / file)
+    path = top.file.parent / file
+    if not path.is_file():
+        raise section.error('bands', f'bands: there is no file {path}')
+    bands = load_yaml(path)
     if name not in bands:
         if section is one:
             raise section.error('bands', f"{file} has no sequence '{name}'")
         return None
     band = bands.section(name)
+    band.expect(*BAND_LIMITS, *MODALITIES)
     if modality is not None and modality in band:
         band = band.section(modality)
-    band.expect(*BAND_LIMITS, *MODALITIES)
-    limits = [band.get(limit) for limit in BAND_LIMITS]
-    numbers = [limit for limit in limits if isinstance(limit, (int, float))]
-    if len(numbers) < len(limits) or sorted(numbers) != limits:
+        band.expect(*BAND_LIMITS)
+    limits = [finite(band.get(limit)) for limit in BAND_LIMITS]
+    if any(map(math.isnan, limits)) or sorted(limits) != limits:
         raise bands.error(name, f'{name}: good, plausible and failed are rising numbers')
-    return dict(zip(BAND_LIMITS, numbers, strict=True))
+    return dict(zip(BAND_LIMITS, limits, strict=True))
 
 
-def _runs(one: Section, base: Path) -> Iterable[Run]:
+def _runs(one: Section, base: Path) -> Iterator[Run]:
     """Yield a run for each match of the estimate, or of the recording that it is in."""
-    estimate, recording = _text(one, 'estimate'), _text(one, 'recording')
-    if estimate is None:
-        raise one.error('name', f'{one["name"]}: there is no estimate')
-    causal = _matches(one, 'causal', base) if 'causal' in one else None
-    if recording is not None and estimate.startswith('/'):
-        found = [
-            Run(f'{shown}:{estimate}', estimate, Path(path))
-            for shown, path in _matches(one, 'recording', base)
-        ]
-    else:
-        where = None if recording is None else base / recording
-        found = [Run(shown, spec, where) for shown, spec in _matches(one, 'estimate', base)]
-    if causal is None:
-        yield from found
-    elif len(causal) != len(found):
-        raise one.error('causal', f'causal: {len(causal)} matches for {len(found)} runs')
-    else:
-        for run, (_, spec) in zip(found, causal, strict=True):
-            yield Run(run.name, run.estimate, run.recording, spec)
+    keys = ['estimate', *(key for key in ('causal', 'recording') if one.get(key) is not None)]
+    found = {key: _matches(one, key, base) for key in keys}
+    count = max(map(len, found.values()))
+    for key, matches in found.items():
+        if len(matches) == 1 and (key == 'recording' or matches[0].is_topic):
+            found[key] = matches * count
+        elif len(matches) < count:
+            raise one.error(key, f'{key}: {len(matches)} matches for {count} runs')
+    for k in range(count):
+        run = {key: matches[k] for key, matches in found.items()}
+        name = run['estimate'].name
+        yield Run(
+            f'{run["recording"].name}:{name}' if run['estimate'].is_topic else name,
+            run['estimate'].spec,
+            Path(run['recording'].spec) if 'recording' in run else None,
+            run['causal'].spec if 'causal' in run else None,
+        )
 
 
-def _matches(one: Section, key: str, base: Path) -> list[tuple[str, str]]:
-    """Return how the suite would name each match of a glob, and its spec."""
-    text = str(one[key])
+class _Match(NamedTuple):
+    """
+    What an entry of a suite means, or one of those that it means.
+
+    :param name: as the suite would name it.
+    :param spec: which does not depend on where the tool is started.
+    :param is_topic: of the recording beside it.
+    """
+
+    name: str
+    spec: str
+    is_topic: bool = False
+
+
+def _matches(one: Section, key: str, base: Path) -> list[_Match]:
+    text = _required(one, key)
     pattern, rest = _split(text)
-    if not has_magic(pattern) or (base / pattern).exists():
-        return [(text, _spec(base, text))]
-    found = sorted(glob(pattern, root_dir=base, recursive=True))
-    if not found:
-        raise one.error(key, f"{key}: nothing matches '{pattern}' in {base}")
-    return [(match + rest, str(base / match) + rest) for match in found]
+    if '\0' in text:
+        raise one.error(key, f'{key}: no path has a zero byte in it')
+    paths = [pattern]
+    if not (base / pattern).exists():
+        paths = sorted(glob(pattern, root_dir=base, recursive=True))
+        if not paths and key != 'recording' and one.get('recording') and text.startswith('/'):
+            return [_Match(text, _checked(one, key, text), True)]
+        if not paths and has_magic(pattern):
+            raise one.error(key, f"{key}: nothing matches '{pattern}' in {base}")
+    return [
+        _Match(path + rest, _checked(one, key, f'{base / path}{rest}'))
+        for path in paths or [pattern]
+    ]
 
 
-def _spec(base: Path, text: str) -> str:
-    """Return a source spec whose path does not depend on where the tool is started."""
-    path, rest = _split(text)
-    return str(base / path) + rest
+def _checked(one: Section, key: str, spec: str) -> str:
+    """Return a source spec if what it states can be stated."""
+    try:
+        Spec.parse(spec)
+    except ConfigError as error:
+        raise one.error(key, error) from None
+    return spec
 
 
 def _split(text: str) -> tuple[str, str]:
@@ -323,38 +397,33 @@ def _split(text: str) -> tuple[str, str]:
 
 def _override(top: Section, text: str) -> None:
     """Set one value of a suite; ``sequences.NAME.key`` reaches into a sequence."""
-    import yaml
-
     name, equals, given = text.partition('=')
-    keys = name.split('.')
-    try:
-        value = yaml.safe_load(given)
-    except yaml.YAMLError:
-        value = None
-    if not equals or not all(keys) or isinstance(value, (dict, list)) is None:
-        raise ConfigError(f"--set '{text}': write KEY=VALUE, such as options.alignment=sim3")
+    place = f"--set '{text}'"
+    if not equals or not all(name.split('.')):
+        raise ConfigError(f'{place}: write KEY=VALUE, such as options.alignment=sim3')
+    value = parse_yaml(given, top.file, lambda line: place)
     section: Any = top
-    for position, key in enumerate(keys[:-1]):
+    while not isinstance(section, Section) or '.' in name:
         if isinstance(section, list):
-            named = [one for one in section if isinstance(one, Section) and one.get('name') == key]
-            if not named:
-                raise ConfigError(f"--set '{text}': there is no sequence '{key}'")
-            section = named[0]
-        elif isinstance(section, Section):
-            section = section.setdefault(key, Section(top.file))
+            section, name = _named(section, name, place)
+            continue
+        key, _, name = name.partition('.')
+        section.places[key] = place
+        if section.get(key) is None:
+            section[key] = Section(top.file, place)
+        section = section[key]
         if not isinstance(section, (Section, list)):
-            raise ConfigError(f"--set '{text}': {'.'.join(keys[: position + 1])} is no mapping")
-    if not isinstance(section, Section):
-        raise ConfigError(f"--set '{text}': say which sequence, as in sequences.NAME.KEY=VALUE")
-    section[keys[-1]] = _located(top.file, value)
+            raise ConfigError(f'{place}: {key} is no mapping')
+    section[name] = value
+    section.places[name] = place
 
 
-def _located(file: Path, value: Any) -> Any:
-    """Return a value as a file would have given it."""
-    if isinstance(value, list):
-        return [_located(file, item) for item in value]
-    if not isinstance(value, dict):
-        return value
-    section = Section(file)
-    section.update({str(key): _located(file, item) for key, item in value.items()})
-    return section
+def _named(listed: list[Any], name: str, place: str) -> tuple[Section, str]:
+    """Return the sequence that a dotted name begins with, and the rest of that name."""
+    names = [str(one.get('name')) for one in listed if isinstance(one, Section)]
+    for one in listed:
+        if isinstance(one, Section) and name.startswith(f'{one.get("name")}.'):
+            return one, name.removeprefix(f'{one.get("name")}.')
+    raise ConfigError(
+        f'{place}: write sequences.NAME.KEY=VALUE, with NAME one of {", ".join(names)}'
+    )

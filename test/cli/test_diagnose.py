@@ -1,0 +1,168 @@
+"""`diagnose` as its users run it: a process with arguments, output and an exit status."""
+
+from dataclasses import replace
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from vio_eval_ros.core import rotation
+from vio_eval_ros.reports.tables import tum
+from vio_eval_ros.simulation import simulate
+
+ROOT = Path(__file__).resolve().parents[2]
+DEMO = ROOT / 'demo' / 'simulated_flight'
+
+
+def diagnose(*arguments: object) -> subprocess.CompletedProcess:
+    environment = os.environ | {'PYTHONPATH': str(ROOT), 'PYTHONWARNINGS': 'error'}
+    return subprocess.run(
+        [sys.executable, '-m', 'vio_eval_ros', 'diagnose', *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        env=environment,
+        check=False,
+        timeout=120,
+    )
+
+
+def complaint(*arguments: object) -> str:
+    done = diagnose(*arguments)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert done.stdout == ''
+    assert done.stderr.startswith('diagnose: ')
+    assert done.stderr.count('\n') == 1, done.stderr
+    assert 'this is a bug' not in done.stderr
+    return done.stderr
+
+
+@pytest.fixture(scope='module')
+def flight(tmp_path_factory) -> Path:
+    """Return a folder with gt.txt and estimates of it: late.txt, larger.txt, conjugated.txt."""
+    folder, run = tmp_path_factory.mktemp('flight'), simulate(duration_s=40.0)
+    estimate = run.estimate
+    jumped = estimate.positions.copy()
+    jumped[400:] += [0.5, 0.5, 0.0]
+    estimates = {
+        'est': estimate,
+        'late': replace(estimate, stamps_ns=estimate.stamps_ns + 80_000_000),
+        'larger': replace(estimate, positions=1.3 * estimate.positions),
+        'conjugated': replace(estimate, rotations=rotation.conjugate(estimate.rotations)),
+        'jumped': replace(estimate, positions=jumped),
+        'gt': run.ground_truth,
+    }
+    for name, poses in estimates.items():
+        (folder / f'{name}.txt').write_text(tum(poses))
+    q, stamps_ns = run.ground_truth.rotations, run.ground_truth.stamps_ns
+    steps = rotation.to_rotation_vector(rotation.multiply(rotation.conjugate(q[:-1]), q[1:]))
+    rows = np.column_stack([steps * 200, np.zeros((len(steps), 3))])
+    lines = [
+        ','.join([str(stamp), *(f'{value:.9f}' for value in row)])
+        for stamp, row in zip((stamps_ns[:-1] + 2_500_000).tolist(), rows, strict=True)
+    ]
+    header = '#timestamp [ns],w_x [rad s^-1],w_y,w_z,a_x [m s^-2],a_y,a_z'
+    (folder / 'imu.csv').write_text('\n'.join([header, *lines]) + '\n')
+    return folder
+
+
+def pair(folder: Path, name: str) -> list[str]:
+    return ['--estimate', f'{folder}/{name}.txt', '--ground-truth', f'{folder}/gt.txt']
+
+
+def test_nothing_is_unusual_about_the_demo():
+    done = diagnose(DEMO)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith('nothing unusual\n')
+
+
+def test_a_late_estimate_gets_cause_evidence_advice_and_flags(flight):
+    done = diagnose(*pair(flight, 'late'))
+    assert done.returncode == 0, done.stderr
+    first, *rest = done.stdout.splitlines()
+    assert first.startswith('1. time_offset  (confidence 100.0 %)')
+    text = '\n'.join(rest)
+    assert 'its stamps are 80.' in text or 'its stamps are 79.' in text
+    assert 'ATE' in text
+    assert 'Make both clocks the same' in text
+    assert 'replay: --time-offset-s -0.0' in text
+
+
+def test_a_jump_is_told_by_its_moment(flight):
+    assert '(20.00 s into the run): 0.7' in diagnose(*pair(flight, 'jumped')).stdout
+
+
+def test_what_to_state_of_a_source_is_shown_where_it_goes(flight):
+    done = diagnose(*pair(flight, 'conjugated'))
+    assert "behind the spec of the estimate: '?invert=rotation'" in done.stdout
+
+
+def test_a_statement_advised_is_a_statement_understood(flight):
+    done = diagnose(
+        '--estimate',
+        f'{flight}/conjugated.txt?invert=rotation',
+        '--ground-truth',
+        f'{flight}/gt.txt',
+    )
+    assert done.stdout.startswith('nothing unusual')
+
+
+def test_applying_shows_the_errors_before_and_after(flight):
+    done = diagnose(*pair(flight, 'larger'), '--apply')
+    row = next(line for line in done.stdout.splitlines() if line.startswith('ATE [m]'))
+    before, after = map(float, row.split()[-2:])
+    assert after < 0.2 * before
+
+
+def test_json_is_the_document_and_nothing_else(flight):
+    done = diagnose(*pair(flight, 'larger'), '--json', '--apply')
+    assert done.stderr == ''
+    found = json.loads(done.stdout)
+    assert found['schema'] == 'vio_eval_ros.diagnosis/1'
+    (cause,) = found['causes']
+    assert cause['name'] == 'scale'
+    assert cause['value'] == pytest.approx(1.3, abs=0.02)
+    assert found['findings']['errors']['ATE [m]']['after'] < cause['ate_before_m']
+
+
+def test_a_named_cause_fails_and_others_do_not(flight):
+    assert diagnose(*pair(flight, 'late'), '--fail-on', 'scale,time_offset').returncode == 1
+    assert diagnose(*pair(flight, 'late'), '--fail-on', 'scale').returncode == 0
+    assert "there is no cause 'scales'" in complaint(DEMO, '--fail-on', 'scales')
+
+
+def test_a_gyroscope_is_held_against_the_estimate(flight):
+    done = diagnose(*pair(flight, 'late'), '--imu', flight / 'imu.csv', '--json')
+    assert done.returncode == 0, done.stderr
+    found = json.loads(done.stdout)['findings']['gyroscope']
+    assert found['offset_s'] == pytest.approx(0.08, abs=1e-3)
+    assert found['turn_deg'] < 0.5
+
+
+def test_two_signals_are_aligned_without_any_trajectory(tmp_path):
+    seconds = np.arange(0, 30, 0.01)
+
+    def signal(at: np.ndarray) -> np.ndarray:
+        return np.sin(1.3 * at) + np.sin(3.7 * at + 1)
+
+    for name, late_s in (('a', 0.25), ('b', 0.0)):
+        values = signal(seconds) * (2 if name == 'a' else 1)
+        rows = np.column_stack([1_403_636_580 + seconds + late_s, values])
+        lines = ['# time value', *(f'{t:.6f} {v:.9f}' for t, v in rows)]
+        (tmp_path / f'{name}.csv').write_text('\n'.join(lines) + '\n')
+    files = ['--signals', tmp_path / 'a.csv', tmp_path / 'b.csv']
+    done = diagnose(*files, '--json')
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)['offset_s'] == pytest.approx(0.25, abs=1e-4)
+    assert 'are 250.00 ± ' in diagnose(*files).stdout
+
+
+def test_what_cannot_be_done_is_one_line(flight, tmp_path):
+    (tmp_path / 'few.txt').write_text('1 0 0 0 0 0 0 1\n2 1 0 0 0 0 0 1\n')
+    message = complaint('--estimate', tmp_path / 'few.txt', '--ground-truth', flight / 'gt.txt')
+    assert 'the estimate has 2 usable poses' in message
+    assert 'RECORDING' in complaint()
+    assert 'a topic needs a RECORDING' in complaint(*pair(flight, 'est'), '--imu', '/imu0')

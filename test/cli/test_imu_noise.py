@@ -1,0 +1,140 @@
+"""`imu_noise` as its users run it: a process with arguments, output and an exit status."""
+
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import get_typestore, Stores
+
+from vio_eval_ros.imu.simulate import EUROC, simulate_noise
+
+pytest.importorskip('allantools')
+
+ROOT = Path(__file__).resolve().parents[2]
+IMU = 'sensor_msgs/msg/Imu'
+RATE_HZ = 50.0
+
+
+def imu_noise(*arguments: object, hidden: str = '') -> subprocess.CompletedProcess:
+    """Run the verb; ``hidden`` is a library that is not to be found."""
+    verb = ['-m', 'vio_eval_ros']
+    if hidden:
+        verb = [
+            '-c',
+            f'import importlib.util as u, sys; found = u.find_spec; '
+            f'u.find_spec = lambda n, *rest: None if n == {hidden!r} else found(n, *rest); '
+            'from vio_eval_ros.__main__ import main; sys.exit(main(sys.argv[1:]))',
+        ]
+    return subprocess.run(
+        [sys.executable, *verb, 'imu_noise', *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        env=os.environ | {'PYTHONPATH': str(ROOT), 'PYTHONWARNINGS': 'error'},
+        check=False,
+        timeout=120,
+    )
+
+
+@pytest.fixture(scope='module')
+def samples():
+    noise = simulate_noise(round(1800 * RATE_HZ), RATE_HZ, EUROC, np.random.default_rng(1))
+    noise[:, 5] += 9.81
+    return noise
+
+
+@pytest.fixture(scope='module')
+def recording(samples, tmp_path_factory):
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types = store.types
+    path = tmp_path_factory.mktemp('imu') / 'rest'
+    vector, none = types['geometry_msgs/msg/Vector3'], np.zeros(9)
+    level = types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0)
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection('/imu0', IMU, typestore=store)
+        for index, row in enumerate(samples.tolist()):
+            stamp_ns = 10**18 + round(index * 1e9 / RATE_HZ)
+            time = types['builtin_interfaces/msg/Time'](*divmod(stamp_ns, 10**9))
+            header = types['std_msgs/msg/Header'](time, 'imu')
+            one = types[IMU](header, level, none, vector(*row[:3]), none, vector(*row[3:]), none)
+            writer.write(connection, stamp_ns, store.serialize_cdr(one, IMU))
+    return path
+
+
+@pytest.fixture(scope='module')
+def file(samples, tmp_path_factory):
+    path = tmp_path_factory.mktemp('imu') / 'rest.csv'
+    stamps_ns = 10**18 + np.arange(len(samples)) * 20_000_000
+    rows = zip(stamps_ns.tolist(), samples.tolist(), strict=True)
+    path.write_text(''.join(f'{stamp},{",".join(map(repr, row))}\n' for stamp, row in rows))
+    return path
+
+
+def test_a_recording_gives_a_table_and_the_files_asked_for(recording, tmp_path):
+    pytest.importorskip('matplotlib')
+    png, kalibr = tmp_path / 'allan.png', tmp_path / 'imu.yaml'
+    done = imu_noise(recording, '--plot', png, '--kalibr', kalibr)
+    assert (done.returncode, done.stderr) == (0, '')
+    assert done.stdout.startswith(f'{recording}:/imu0: 90,000 samples, 0.5 h at 50 Hz\n')
+    assert 'white noise density' in done.stdout
+    assert png.read_bytes().startswith(b'\x89PNG')
+    assert 'rostopic: "/imu0"' in kalibr.read_text()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ['allan.png', 'imu.yaml']
+
+
+def test_recording_and_csv_give_the_same_figures(recording, file):
+    documents = []
+    for path in (recording, file):
+        done = imu_noise(path, '--json')
+        assert (done.returncode, done.stderr) == (0, '')
+        documents.append(json.loads(done.stdout))
+    assert documents[0]['axes'] == documents[1]['axes']
+    density = documents[0]['axes']['gyro_x']['parameters']['white_noise_density']['value']
+    assert density == pytest.approx(EUROC.gyro.density, rel=0.05)
+
+
+def test_a_unit_can_be_stated(file):
+    document = json.loads(imu_noise(file, '--json', '--gyro-unit', 'deg/s').stdout)
+    assert document['input']['units']['gyro'] == {'name': 'deg/s', 'known': 'stated'}
+    assert document['input']['units']['accel'] == {'name': 'm/s2', 'known': 'by default'}
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'problem'),
+    [
+        (['missing.csv'], 'missing.csv'),
+        (['{recording}', '--topic', '/imu'], 'no such topic'),
+        (['{recording}', '--plot', 'allan.jpg'], 'in .png'),
+        (['{recording}', '--plot', '{recording}/none/allan.png'], 'there is no folder'),
+        (['{file}', '--kalibr', '{file}'], 'overwrite the input'),
+        (['{recording}', '--gyro-unit', 'rpm'], 'invalid choice'),
+    ],
+)
+def test_what_cannot_be_done_is_one_line_and_status_2(recording, file, arguments, problem):
+    done = imu_noise(*(a.format(recording=recording, file=file) for a in arguments))
+    assert done.returncode == 2
+    assert done.stdout == ''
+    assert len(done.stderr.splitlines()) == 1
+    assert problem in done.stderr
+
+
+def test_a_kalibr_file_that_cannot_be_known_is_status_2_behind_the_result(file, tmp_path):
+    short = tmp_path / 'short.csv'
+    short.write_text(''.join(file.read_text().splitlines(keepends=True)[:2_000]))
+    kalibr = tmp_path / 'imu.yaml'
+    done = imu_noise(short, '--kalibr', kalibr)
+    assert done.returncode == 2
+    assert 'white noise density' in done.stdout
+    assert 'imu_noise: --kalibr: gyroscope_random_walk is not known' in done.stderr
+    assert not kalibr.exists()
+
+
+@pytest.mark.parametrize('library', ['allantools', 'matplotlib'])
+def test_a_missing_library_is_named_before_anything_is_read(library):
+    done = imu_noise('missing.csv', '--plot', 'allan.png', hidden=library)
+    assert done.returncode == 2
+    assert f'pip install {library}' in done.stderr

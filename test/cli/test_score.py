@@ -1,0 +1,460 @@
+"""`score` as its users run it: a process with a suite, output, reports and an exit status."""
+
+import json
+import os
+from pathlib import Path
+import resource
+import signal
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+from vio_eval_ros.reports.tables import tum
+from vio_eval_ros.scoring.documents import SUITE_REPORTS
+from vio_eval_ros.simulation import Drift, simulate
+
+ROOT = Path(__file__).resolve().parents[2]
+SCORE = [sys.executable, '-m', 'vio_eval_ros', 'score']
+ENVIRONMENT = os.environ | {'PYTHONPATH': str(ROOT), 'PYTHONWARNINGS': 'error'}
+ATE = 'ate_trans_rmse_m'
+# as evo does by default
+LIKE_EVO = (
+    'options: {max_difference_s: 0.01, rpe_pairs: sequential, rpe_deltas: [1f, 10f]}\n'
+    'gates: {coverage_ratio: {min: 0}, ate_extent_ratio: {max: 100}, success_rate: {min: 0}}\n'
+)
+GOLDEN = {
+    'ate_none_trans_rmse_m': ('ate_none_trans', 'rmse'),
+    'ate_trans_rmse_m': ('ate_se3_trans', 'rmse'),
+    'ate_trans_median_m': ('ate_se3_trans', 'median'),
+    'ate_rot_rmse_deg': ('ate_se3_rot_deg', 'rmse'),
+    'ate_sim3_trans_rmse_m': ('ate_sim3_trans', 'rmse'),
+    'rpe_1f_trans_rmse_m': ('rpe_1f_trans', 'rmse'),
+    'rpe_10f_rot_rmse_deg': ('rpe_10f_rot_deg', 'rmse'),
+}
+
+
+def score(*arguments: object, **options: Any) -> subprocess.CompletedProcess:
+    return subprocess.run(
+        [*SCORE, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        env=ENVIRONMENT,
+        check=False,
+        timeout=120,
+        **options,
+    )
+
+
+def result(*arguments: object, status: int = 0) -> dict[str, Any]:
+    done = score(*arguments, '--json')
+    assert done.returncode == status, done.stderr
+    assert done.stderr == ''
+    return json.loads(done.stdout)
+
+
+def complaint(*arguments: object, **options: Any) -> str:
+    """Return the one line on stderr of a call that could not be done."""
+    done = score(*arguments, **options)
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert done.stdout == ''
+    assert done.stderr.startswith('score: ')
+    assert done.stderr.count('\n') == 1, done.stderr
+    assert 'this is a bug' not in done.stderr
+    return done.stderr
+
+
+@pytest.fixture(scope='module')
+def flights(tmp_path_factory) -> Path:
+    """
+    Return a folder with runs of four versions of a stack, of which the errors are known.
+
+    Those of ``equal`` are 1.1 and those of ``worse`` 1.3 times as large as ``before``, in the
+    median; the runs of each spread by about a tenth.
+    """
+    folder = tmp_path_factory.mktemp('flights')
+    usual = Drift()
+    for version, errors in {
+        'before': (1.0, 1.1, 0.9, 1.05, 0.95),
+        'equal': (1.15, 0.85, 1.1, 1.2, 0.9),
+        'worse': (1.3, 1.43, 1.17, 1.365, 1.235),
+    }.items():
+        (folder / version).mkdir()
+        for k, error in enumerate(errors):
+            drift = Drift(
+                error * usual.position_walk, error * usual.yaw_walk, 1 - 0.01 * error, 0, 0
+            )
+            run = simulate(duration_s=5.0, drift=drift)
+            (folder / version / f'{k}.tum').write_text(tum(run.estimate))
+        (folder / f'{version}.yaml').write_text(
+            f'sequences:\n- {{name: a, estimate: {version}/*.tum, ground_truth: gt.tum}}\n'
+        )
+    (folder / 'gt.tum').write_text(tum(run.ground_truth))
+    return folder
+
+
+@pytest.fixture(scope='module')
+def baseline(flights) -> Path:
+    path = flights / 'baseline.json'
+    assert score(flights / 'before.yaml', '--record-baseline', path).returncode == 0
+    return path
+
+
+@pytest.fixture
+def real(tmp_path, shared_data) -> Path:
+    """Return a suite of published runs of EuRoC: three sequences, several systems on each."""
+    plsl = f'{shared_data}/est_plsl_slam/euroc'
+    stated = '?quaternion=wxyz&stamps=ns'
+    truth = f'{shared_data}/gt_euroc/open_vins_tum'
+    orb_truth = f'{shared_data}/gt_euroc/orbslam3_left_cam/MH01_GT.txt'
+    runs = {
+        'V1_02': (f'{plsl}/V1-02/*.csv{stated}', f'{truth}/V1_02_medium.txt'),
+        'MH_05': (f'{plsl}/MH-05/*{stated}', f'{truth}/MH_05_difficult.txt'),
+        'MH_01': (f'{shared_data}/est_vins_kavehsgh/*loop.csv{stated}', f'{truth}/MH_01_easy.txt'),
+        'MH_01_mono': (
+            f'{shared_data}/est_orbslam3/spsingh37/*_mono.txt?stamps=ns',
+            f'{orb_truth}{stated}&invert=rotation',
+        ),
+        'V1_02_rpg': (
+            f'{shared_data}/est_rpg_trajectory_evaluation/euroc_vislam_mono/**/stamped*.txt',
+            f'{truth}/V1_02_medium.txt',
+        ),
+    }
+    entries = [
+        {'name': name, 'estimate': estimate, 'ground_truth': true}
+        for name, (estimate, true) in runs.items()
+    ]
+    path = tmp_path / 'suite.yaml'
+    path.write_text(f'{LIKE_EVO}sequences: {json.dumps(entries)}')
+    return path
+
+
+def test_published_runs_get_the_figures_of_evo(real, shared_data):
+    sequences = result(real)['sequences']
+    found = {run['estimate'].removeprefix(f'{shared_data}/'): run
+             for one in sequences for run in one['runs']}  # fmt: skip
+    golden = {one['estimate']: one for one in
+              json.loads((shared_data / 'golden.json').read_text())}  # fmt: skip
+    assert len(found) == 13
+    assert found.keys() <= golden.keys()
+    for name, run in found.items():
+        expected = golden[name]
+        assert run['association']['pairs'] == expected['matched']
+        assert run['metrics']['sim3_scale'] == pytest.approx(expected['sim3_scale'], rel=1e-6)
+        for metric, (group, statistic) in GOLDEN.items():
+            assert run['metrics'][metric] == pytest.approx(expected[group][statistic], rel=1e-6)
+
+
+def test_verdicts_on_published_runs_are_those_found_by_hand(real, shared_data):
+    # evo's ATE: V1_02 .1105 .0935 .0758, MH_05 .3024 .2002 .2856 .1902, MH_01 .1995 .0860;
+    # ORB-SLAM3 without a scale 3.488 and 3.351, V1_02 by rpg .0649 and, as keyframes, .0217
+    gates = {
+        'gates': '{ate_trans_rmse_m: {max: 0.24, warn: 0.1}}',
+        'sequences.MH_01.gates.ate_trans_rmse_m': '[{max: 0.15}, {max: 0.19, of: worst}]',
+        'sequences.MH_01.gates.coverage_ratio.min': '0.4',
+        'sequences.V1_02_rpg.gates': '{coverage_ratio: {min: 0.8}, success_rate: {min: 0.5}}',
+    }
+    found = result(real, *(f'--set={key}={value}' for key, value in gates.items()), status=1)
+    sequences = {one['name']: one for one in found['sequences']}
+    medians = {name: one['metrics'][ATE]['median'] for name, one in sequences.items()}
+    assert medians == pytest.approx(
+        {'V1_02': 0.093517, 'MH_05': 0.242895, 'MH_01': 0.142732, 'MH_01_mono': 3.419687,
+         'V1_02_rpg': 0.043286},
+        abs=1e-6,
+    )  # fmt: skip
+    assert sequences['V1_02']['metrics'][ATE]['mad'] == pytest.approx(0.016955, abs=1e-6)
+    broken = {
+        name: [
+            (gate['metric'], gate['of'], gate['severity'])
+            for gate in one['gates']
+            if not gate['passed']
+        ]
+        for name, one in sequences.items()
+    }
+    assert broken['V1_02'] == []
+    assert broken['MH_05'] == [(ATE, 'median', 'fail'), (ATE, 'median', 'warn')]
+    assert broken['MH_01'] == [(ATE, 'worst', 'fail')]
+    assert ('ate_extent_ratio', 'median', 'fail') in broken['MH_01_mono']
+    assert sequences['MH_01_mono']['metrics']['success_rate']['median'] == 0
+    # the keyframes cover 65 % and the frames 81 %
+    assert [run['success'] for run in sequences['V1_02_rpg']['runs']] == [False, True]
+    assert broken['V1_02_rpg'] == [('coverage_ratio', 'median', 'fail')]
+    verdicts = [one['verdict'] for one in found['sequences']]
+    assert verdicts == ['pass', 'fail', 'fail', 'fail', 'fail']
+
+
+def test_a_track_that_was_lost_fails_though_its_error_is_smaller(tmp_path, shared_data):
+    whole = (shared_data / 'evo_test_data/V102.txt').read_text().splitlines()
+    for name, share in (('whole', 1.0), ('lost', 0.05)):
+        (tmp_path / f'{name}.txt').write_text('\n'.join(whole[: round(share * len(whole))]))
+    truth = shared_data / 'gt_euroc/vins_mono_asl_csv/V1_02_medium/data.csv'
+    suite = tmp_path / 'suite.yaml'
+    suite.write_text(
+        'gates: {ate_trans_rmse_m: {max: 0.1}}\nsequences:\n'
+        + '\n'.join(
+            f'- {{name: {name}, estimate: {name}.txt, ground_truth: {truth}}}'
+            for name in ('whole', 'lost')
+        )
+    )
+    whole, lost = result(suite, status=1)['sequences']
+    assert whole['metrics'][ATE]['median'] == pytest.approx(0.0917, abs=1e-4)
+    assert lost['metrics'][ATE]['median'] < 0.04
+    assert (whole['verdict'], lost['verdict']) == ('pass', 'fail')
+    failed = {gate['metric'] for gate in lost['gates'] if not gate['passed']}
+    assert failed == {'coverage_ratio', 'success_rate'}
+
+
+def test_one_published_run_that_is_worse_than_another_fails_by_the_baseline(tmp_path, shared_data):
+    estimates = f'{shared_data}/est_plsl_slam/euroc/V1-02'
+    truth = f'{shared_data}/gt_euroc/open_vins_tum/V1_02_medium.txt'
+    for system in ('pls-vio', 'vins-mono'):
+        (tmp_path / f'{system}.yaml').write_text(
+            f'sequences: [{{name: V1_02, ground_truth: {truth}, '
+            f'estimate: "{estimates}/{system}.csv?quaternion=wxyz&stamps=ns"}}]'
+        )
+    base = tmp_path / 'baseline.json'
+    assert score(tmp_path / 'pls-vio.yaml', '--record-baseline', base).returncode == 0
+    same = result(tmp_path / 'pls-vio.yaml', '--baseline', base)
+    assert same['sequences'][0]['baseline'][ATE]['difference'] == 0
+    (worse,) = result(tmp_path / 'vins-mono.yaml', '--baseline', base, status=1)['sequences']
+    # 0.1105 over 0.0758
+    assert worse['baseline'][ATE]['relative_difference'] == pytest.approx(0.458, abs=1e-3)
+    assert all(gate['passed'] for gate in worse['gates'])
+
+
+def test_noise_passes_and_what_got_worse_fails_by_the_baseline(flights, baseline):
+    (equal,) = result(flights / 'equal.yaml', '--baseline', baseline)['sequences']
+    assert equal['baseline'][ATE]['relative_difference'] == pytest.approx(0.1, abs=0.02)
+    assert equal['baseline'][ATE]['p_value'] > 0.05
+    (worse,) = result(flights / 'worse.yaml', '--baseline', baseline, status=1)['sequences']
+    assert worse['baseline'][ATE]['relative_difference'] == pytest.approx(0.3, abs=0.02)
+    assert worse['baseline'][ATE]['p_value'] == pytest.approx(2 / 252)
+    assert all(gate['passed'] for gate in worse['gates'])
+    done = score(flights / 'worse.yaml', '--baseline', baseline)
+    assert done.returncode == 1
+    assert f'a: FAIL {ATE} was ' in done.stdout
+
+
+def test_a_baseline_does_not_depend_on_the_number_of_processes(flights, baseline, tmp_path):
+    again = tmp_path / 'baseline.json'
+    score(flights / 'before.yaml', '--record-baseline', again, '--jobs', 1)
+    assert again.read_bytes() == baseline.read_bytes()
+
+
+def test_a_baseline_of_other_options_is_refused_before_anything_is_scored(flights, baseline):
+    other = (flights / 'equal.yaml', '--set', 'options.alignment=sim3', '--baseline', baseline)
+    found = complaint(*other)
+    assert 'a: alignment was se3, is sim3' in found
+    assert '--accept options' in found
+    done = score(*other, '--accept', 'options')
+    assert done.returncode in (0, 1)
+    assert 'note: compared in spite of: a: alignment was se3, is sim3' in done.stdout
+
+
+def test_a_baseline_of_another_ground_truth_is_refused(flights, baseline, tmp_path):
+    (tmp_path / 'gt.tum').write_text('# corrected\n' + (flights / 'gt.tum').read_text())
+    other = (
+        flights / 'equal.yaml',
+        '--set',
+        f'sequences.a.ground_truth={tmp_path}/gt.tum',
+        '--baseline',
+        baseline,
+    )
+    assert 'a: the ground truth is another' in complaint(*other)
+    assert score(*other, '--accept', 'ground_truth').returncode == 0
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'problem'),
+    [
+        (
+            '"definition_sha256": "',
+            '"definition_sha256": "0',
+            'the metrics were defined otherwise',
+        ),
+        ('baseline/1', 'baseline/0', 'is of schema vio_eval_ros.baseline/0, not'),
+        ('"values"', '"numbers"', 'is no baseline, or a damaged one'),
+    ],
+)
+def test_a_baseline_of_another_version_is_refused(flights, baseline, tmp_path, old, new, problem):
+    other = tmp_path / 'other.json'
+    other.write_text(baseline.read_text().replace(old, new))
+    assert problem in complaint(flights / 'equal.yaml', '--baseline', other)
+
+
+def test_a_truncated_baseline_is_refused(flights, baseline, tmp_path):
+    (tmp_path / 'half.json').write_text(baseline.read_text()[:1000])
+    assert 'a damaged one' in complaint(
+        flights / 'equal.yaml', '--baseline', tmp_path / 'half.json'
+    )
+    assert 'No such file' in complaint(
+        flights / 'equal.yaml', '--baseline', tmp_path / 'none.json'
+    )
+
+
+def test_missing_and_new_sequences_are_reported(flights, baseline):
+    found = result(flights / 'equal.yaml', '--baseline', baseline, '--set', 'sequences.a.name=b')
+    assert found['notes'] == ['b: not in the baseline', 'a: in the baseline, not scored']
+    assert found['sequences'][0]['baseline'] is None
+
+
+def test_a_baseline_of_nothing_is_recorded_with_a_complaint(flights, tmp_path):
+    path = tmp_path / 'baseline.json'
+    nothing = (flights / 'equal.yaml', '--set', 'sequences.a.estimate=none.tum')
+    done = score(*nothing, '--record-baseline', path)
+    assert done.returncode == 1
+    assert 'a: no run of it was scored; the baseline has nothing of it' in done.stderr
+    assert result(*nothing, '--baseline', path, status=1)['notes'] == [
+        f'a: no {ATE} in the baseline'
+    ]
+
+
+def test_every_report_is_written_and_twice_the_same(flights, baseline, tmp_path):
+    kinds = [kind for kind in SUITE_REPORTS if kind != 'html']
+    for k, jobs in enumerate((1, 2, 2)):
+        reports = [f'--report={kind}:{tmp_path}/{k}.{kind}' for kind in kinds]
+        done = score(flights / 'worse.yaml', '--baseline', baseline, '--jobs', jobs, *reports)
+        assert (done.returncode, done.stderr) == (1, '')
+    assert len(list(tmp_path.iterdir())) == 3 * len(kinds)
+    for kind in kinds:
+        texts = {(tmp_path / f'{k}.{kind}').read_bytes() for k in range(3)}
+        assert len(texts) == 1, kind
+    printed = score(flights / 'worse.yaml', '--baseline', baseline, '--json').stdout
+    assert printed == (tmp_path / '0.json').read_text()
+
+
+def test_a_report_that_cannot_be_written_loses_nothing_else(flights, tmp_path):
+    (tmp_path / 'taken').mkdir()
+    done = score(
+        flights / 'equal.yaml',
+        f'--report=json:{tmp_path}/taken',
+        f'--report=csv:{tmp_path}/runs.csv',
+        f'--record-baseline={tmp_path}/baseline.json',
+    )
+    assert done.returncode == 2
+    assert 'taken: cannot write' in done.stderr
+    assert 'pass: 0 of 1 sequences failed' in done.stdout
+    assert sorted(path.name for path in tmp_path.iterdir()) == [
+        'baseline.json',
+        'runs.csv',
+        'taken',
+    ]
+
+
+def test_a_baseline_that_cannot_be_written_loses_nothing_else(flights, tmp_path):
+    (tmp_path / 'taken').mkdir()
+    done = score(flights / 'equal.yaml', '--record-baseline', tmp_path / 'taken', '--json')
+    assert done.returncode == 2
+    assert 'taken: cannot write' in done.stderr
+    assert json.loads(done.stdout)['verdict'] == 'pass'
+
+
+def test_on_a_full_disk_the_reports_of_before_stay_whole(flights, tmp_path):
+    for name in ('out.json', 'baseline.json'):
+        (tmp_path / name).write_text('of before')
+    done = score(
+        flights / 'equal.yaml',
+        f'--report=json:{tmp_path}/out.json',
+        f'--report=markdown:{tmp_path}/out.md',
+        f'--record-baseline={tmp_path}/baseline.json',
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (2000, 2000)),
+    )
+    assert done.returncode == 2
+    assert 'pass: 0 of 1 sequences failed' in done.stdout
+    assert (tmp_path / 'out.json').read_text() == 'of before'
+    assert (tmp_path / 'baseline.json').read_text() == 'of before'
+    names = sorted(path.name for path in tmp_path.iterdir())
+    assert names == ['baseline.json', 'out.json', 'out.md']
+
+
+def test_a_run_whose_process_dies_is_the_only_loss(flights):
+    program = (
+        'import os, sys\n'
+        'from vio_eval_ros.cli.score import main\n'
+        'from vio_eval_ros.scoring import scoring\n'
+        'read = scoring.read_sources\n'
+        'def dying(specs, *more):\n'
+        '    return os.abort() if "2.tum" in specs[0] else read(specs, *more)\n'
+        'scoring.read_sources = dying\n'
+        'sys.exit(main(sys.argv[1:]))\n'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', program, str(flights / 'equal.yaml')],
+        capture_output=True,
+        text=True,
+        env=ENVIRONMENT,
+        check=False,
+        timeout=120,
+    )
+    assert done.returncode == 1, done.stderr
+    assert done.stderr == ''
+    assert 'a: equal/2.tum: the process that scored it died: Aborted' in done.stdout
+    assert 'a: FAIL success_rate is 0.8, the gate is success_rate>=1' in done.stdout
+
+
+def test_ctrl_c_ends_it_in_one_line_and_leaves_no_process(flights, tmp_path):
+    pipe = tmp_path / 'pipe.tum'
+    os.mkfifo(pipe)
+    process = subprocess.Popen(
+        [*SCORE, str(flights / 'equal.yaml'), '--set', f'sequences.a.estimate={pipe}'],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        env=ENVIRONMENT,
+        start_new_session=True,
+    )
+    with pipe.open('wb'):  # opens when the process that scores has opened it to read
+        os.killpg(process.pid, signal.SIGINT)
+        output, messages = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert (output, messages) == ('', 'score: interrupted\n')
+    with pytest.raises(ProcessLookupError):
+        os.killpg(process.pid, 0)
+
+
+def test_tags_and_settings_choose_what_is_scored(flights, tmp_path):
+    suite = tmp_path / 'suite.yaml'
+    entry = f'estimate: {flights}/equal/*.tum, ground_truth: {flights}/gt.tum'
+    suite.write_text(
+        f'sequences:\n- {{name: a, tags: [easy], {entry}}}\n- {{name: b, tags: [hard], {entry}}}\n'
+    )
+    found = result(suite, '--tags', 'hard', '--set', 'options.rpe_deltas=[2s]')
+    assert [one['name'] for one in found['sequences']] == ['b']
+    assert found['sequences'][0]['options']['rpe_deltas'] == ['2s']
+    assert "no sequence has the tag 'esy'; did you mean 'easy'?" in complaint(
+        suite, '--tags', 'esy'
+    )
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'problem'),
+    [
+        ((), 'give a SUITE.yaml'),
+        (('nowhere.yaml',), 'nowhere.yaml: No such file'),
+        (('before.yaml', '--jobs', '0'), '--jobs: at least 1 is needed'),
+        (('before.yaml', '--jobs', 'two'), 'invalid int value'),
+        (('before.yaml', '--report', 'pdf:x'), 'json, junit, markdown'),
+        (('before.yaml', '--report', 'json:/nowhere/x'), 'there is no folder /nowhere'),
+        (('before.yaml', '--record-baseline', '/nowhere/x'), 'there is no folder /nowhere'),
+        (('before.yaml', '--report', 'json:before.yaml'), 'would overwrite the input'),
+        (('before.yaml', '--report', 'json:before/0.tum'), 'would overwrite the input'),
+        (('before.yaml', '--report', 'json:gt.tum'), 'would overwrite the input'),
+        (('before.yaml', '--report=csv:new', '--report=json:new'), 'would overwrite csv:new'),
+        (('before.yaml', '--report=csv:new', '--record-baseline=new'), 'would overwrite csv:new'),
+        (('before.yaml', '--accept', 'everything'), 'invalid choice'),
+        (('before.yaml', '--set', 'options.alignment=se'), "did you mean 'se3'?"),
+        (('before.yaml', '--set', 'sequences.a.estimate=none/*'), "nothing matches 'none/*'"),
+        (('gt.tum',), 'gt.tum: '),
+    ],
+)
+def test_wrong_arguments_are_one_line_and_status_2(flights, arguments, problem):
+    assert problem in complaint(*arguments, cwd=flights)
+
+
+def test_a_baseline_is_not_overwritten_by_what_is_compared_with_it(flights, baseline):
+    before = baseline.read_bytes()
+    assert 'would overwrite the input' in complaint(
+        flights / 'worse.yaml', '--baseline', baseline, '--record-baseline', baseline
+    )
+    assert baseline.read_bytes() == before

@@ -1,0 +1,423 @@
+"""Each fault, put into a simulated flight, is named and measured; the flight alone is not."""
+
+from dataclasses import replace
+import json
+import math
+
+import numpy as np
+import pytest
+
+from vio_eval_ros.core import rotation
+from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.trajectory import Trajectory
+from vio_eval_ros.diagnosis.diagnosis import diagnose, NAMES
+from vio_eval_ros.errors import NoPairs
+from vio_eval_ros.simulation import simulate
+
+CONFIG = EvaluationConfig()
+FLIGHT = simulate(duration_s=60.0)
+ESTIMATE, TRUTH = FLIGHT.estimate, FLIGHT.ground_truth
+HEALTHY = diagnose(ESTIMATE, TRUTH, CONFIG)
+
+
+def diagnosis_of(estimate: Trajectory, **options: object):
+    return diagnose(estimate, TRUTH, EvaluationConfig(**options))
+
+
+def names(diagnosis) -> list[str]:
+    return [cause.name for cause in diagnosis.causes]
+
+
+def about(axis: list[float], degrees: float) -> np.ndarray:
+    direction = np.array(axis) / np.linalg.norm(axis)
+    return rotation.from_rotation_vector(direction * math.radians(degrees))
+
+
+def late(seconds: float, poses: Trajectory = ESTIMATE) -> Trajectory:
+    return replace(poses, stamps_ns=poses.stamps_ns + round(seconds * 1e9))
+
+
+def test_a_healthy_flight_has_nothing_unusual():
+    assert names(HEALTHY) == []
+    assert HEALTHY.cannot_tell == ()
+    assert HEALTHY.errors_after == HEALTHY.errors_before
+
+
+@pytest.mark.parametrize('seconds', [0.01, -0.03, 0.2, -4.0, 9.5])
+def test_a_time_offset_comes_back_to_half_a_millisecond(seconds):
+    found = diagnosis_of(late(seconds))
+    assert names(found) == ['time_offset']
+    cause = found.causes[0]
+    assert cause.value == pytest.approx(seconds, abs=5e-4)
+    assert abs(cause.value - seconds) <= cause.uncertainty < 3e-3
+    assert cause.flags[0] == '--time-offset-s'
+    assert float(cause.flags[1]) == pytest.approx(-seconds, abs=5e-4)
+
+
+def test_the_flags_of_an_offset_go_on_top_of_those_given():
+    cause = diagnosis_of(late(0.1), time_offset_s=-0.06).causes[0]
+    assert cause.value == pytest.approx(0.04, abs=5e-4)
+    assert float(cause.flags[1]) == pytest.approx(-0.1, abs=5e-4)
+
+
+def test_clocks_that_started_apart_are_brought_together():
+    found = diagnosis_of(late(-1_403_715_000.0))
+    assert names(found) == ['time_offset']
+    assert found.causes[0].value == pytest.approx(-1_403_715_000.0, abs=5e-4)
+    assert math.isnan(found.causes[0].ate_before_m)
+    assert found.causes[0].ate_after_m < 0.1
+
+
+def test_a_clock_that_drifts_is_told_from_one_that_is_off():
+    elapsed_ns = ESTIMATE.stamps_ns - ESTIMATE.stamps_ns[0]
+    drifting = replace(ESTIMATE, stamps_ns=ESTIMATE.stamps_ns + elapsed_ns * 2 // 1000)
+    found = diagnosis_of(drifting)
+    assert set(names(found)) == {'time_offset', 'clock_drift'}
+    drift = next(cause for cause in found.causes if cause.name == 'clock_drift')
+    assert drift.value == pytest.approx(2000, abs=20)
+
+
+@pytest.mark.parametrize('factor', [0.2, 0.9, 1.1, 5.0])
+def test_a_scale_is_recovered_to_a_thousandth(factor):
+    found = diagnosis_of(replace(ESTIMATE, positions=factor * ESTIMATE.positions))
+    assert names(found) == ['scale']
+    usual = HEALTHY.findings['scale']['value']
+    assert found.causes[0].value == pytest.approx(factor * usual, rel=1e-3)
+    assert found.causes[0].flags == ('--alignment', 'sim3')
+
+
+def test_no_scale_is_named_where_the_alignment_takes_it_out():
+    found = diagnosis_of(replace(ESTIMATE, positions=2 * ESTIMATE.positions), alignment='sim3')
+    assert names(found) == []
+
+
+@pytest.mark.parametrize('degrees', [3.0, 90.0, 179.0])
+def test_a_turned_sensor_is_turned_back(degrees):
+    turn = about([1, -2, 0.5], degrees)
+    found = diagnosis_of(replace(ESTIMATE, rotations=rotation.multiply(ESTIMATE.rotations, turn)))
+    assert names(found) == ['sensor_rotation']
+    back = np.array(found.findings['sensor_rotation_xyzw'])
+    left = rotation.multiply(turn, back)
+    usual = np.array(HEALTHY.findings['sensor_rotation_xyzw'])
+    assert math.degrees(rotation.angle_between(left, usual)) < 0.2
+    assert len(found.causes[0].flags) == 8
+
+
+def test_a_lever_arm_is_found_to_a_centimetre():
+    lever = np.array([0.1, -0.2, 0.05])
+    moved = ESTIMATE.positions + rotation.rotate(ESTIMATE.rotations, lever)
+    found = diagnosis_of(replace(ESTIMATE, positions=moved))
+    assert names(found) == ['lever_arm']
+    back = np.array(found.findings['lever_arm_m']) - np.array(HEALTHY.findings['lever_arm_m'])
+    assert np.linalg.norm(back + lever) < 0.01
+
+
+def test_the_flags_of_a_frame_correct_what_they_say():
+    turn, lever = about([0, 1, 1], 30.0), np.array([0.3, 0.1, -0.2])
+    harmed = replace(
+        ESTIMATE,
+        positions=ESTIMATE.positions + rotation.rotate(ESTIMATE.rotations, lever),
+        rotations=rotation.multiply(ESTIMATE.rotations, turn),
+    )
+    found = diagnosis_of(harmed)
+    assert set(names(found)) == {'sensor_rotation', 'lever_arm'}
+    pose = tuple(map(float, found.causes[0].flags[1:]))
+    assert names(diagnosis_of(harmed, estimate_to_body=pose)) == []
+
+
+def test_a_tilted_world_is_found_to_a_tenth_of_a_degree():
+    tilt = about([1, 1, 0], 4.0)
+    found = diagnosis_of(
+        replace(
+            ESTIMATE,
+            positions=rotation.rotate(tilt, ESTIMATE.positions),
+            rotations=rotation.multiply(tilt, ESTIMATE.rotations),
+        )
+    )
+    assert names(found) == ['gravity_tilt']
+    assert found.causes[0].value == pytest.approx(4.0, abs=0.1)
+
+
+def test_of_a_world_that_never_was_upright_no_tilt_can_be_told():
+    turn = about([1, 0, 0], 100.0)
+    found = diagnosis_of(
+        replace(
+            ESTIMATE,
+            positions=rotation.rotate(turn, ESTIMATE.positions),
+            rotations=rotation.multiply(turn, ESTIMATE.rotations),
+        )
+    )
+    assert names(found) == []
+    assert 'gravity_tilt' in found.cannot_tell
+
+
+def test_a_jump_is_found_at_its_sample():
+    positions = ESTIMATE.positions.copy()
+    positions[600:] += [0.3, -0.4, 0.1]
+    found = diagnosis_of(replace(ESTIMATE, positions=positions))
+    assert names(found) == ['jump']
+    (jump,) = found.findings['jumps']
+    assert jump['stamp_ns'] == ESTIMATE.stamps_ns[600]
+    assert found.causes[0].value == pytest.approx(math.sqrt(0.26), abs=0.03)
+    assert found.causes[0].ate_after_m == pytest.approx(HEALTHY.errors_before['ATE [m]'], rel=0.05)
+
+
+def test_a_step_that_takes_back_an_error_is_no_fault():
+    # half of the run is off by what the step takes back
+    positions = ESTIMATE.positions.copy()
+    ramp = np.concatenate([np.linspace(0, 1, 600), np.zeros(len(positions) - 600)])
+    positions += ramp[:, None] * [0.3, 0.0, 0.0]
+    found = diagnosis_of(replace(ESTIMATE, positions=positions))
+    assert 'jump' not in names(found)
+    assert [jump['harmful'] for jump in found.findings['jumps']] == [False]
+
+
+def test_outliers_are_those_that_were_put_there():
+    rng = np.random.default_rng(3)
+    rows = np.sort(rng.choice(len(ESTIMATE), 24, replace=False))
+    positions = ESTIMATE.positions.copy()
+    positions[rows] += 0.8 * rng.normal(size=(24, 3)) + 0.5
+    found = diagnosis_of(replace(ESTIMATE, positions=positions))
+    assert names(found) == ['outliers']
+    assert found.causes[0].value == pytest.approx(24 / len(ESTIMATE), rel=0.1)
+    assert set(found.findings['outlier_poses']['stamps_ns']) <= set(ESTIMATE.stamps_ns[rows])
+
+
+@pytest.mark.parametrize('lost', [slice(300, 500), slice(900, None)])
+def test_lost_tracking_is_a_gap_or_an_early_end(lost):
+    kept = np.ones(len(ESTIMATE), bool)
+    kept[lost] = False
+    found = diagnosis_of(ESTIMATE[kept])
+    assert names(found) == ['lost_tracking']
+    assert found.causes[0].value == pytest.approx((~kept).mean(), abs=0.01)
+
+
+def test_keyframes_are_no_lost_tracking():
+    rng = np.random.default_rng(0)
+    keyframes = np.unique(np.cumsum(rng.choice([2, 3, 5, 9, 14], 500)))
+    found = diagnosis_of(ESTIMATE[keyframes[keyframes < len(ESTIMATE)]])
+    assert names(found) == []
+
+
+def test_an_estimate_that_flies_away_has_diverged():
+    positions = ESTIMATE.positions.copy()
+    away = np.arange(len(positions) - 900)[:, None]
+    positions[900:] += 3e-4 * away**2 * [1.0, 0.5, 0.2]
+    found = diagnosis_of(replace(ESTIMATE, positions=positions))
+    assert names(found)[0] == 'diverged'
+    assert found.causes[0].ate_after_m < 1.0 < found.causes[0].ate_before_m
+
+
+def test_a_heading_that_runs_away_is_measured():
+    seconds = (ESTIMATE.stamps_ns - ESTIMATE.stamps_ns[0]) / 1e9
+    turns = rotation.from_rotation_vector(np.outer(math.radians(20) / 60 * seconds, [0, 0, 1]))
+    steps = rotation.rotate(turns[:-1], np.diff(ESTIMATE.positions, axis=0))
+    found = diagnosis_of(
+        replace(
+            ESTIMATE,
+            positions=np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]),
+            rotations=rotation.multiply(turns, ESTIMATE.rotations),
+        )
+    )
+    assert names(found) == ['yaw_drift']
+    usual = HEALTHY.findings['yaw_drift']['value']
+    assert found.causes[0].value == pytest.approx(20 + usual, abs=1.0)
+
+
+def test_a_scale_that_grows_along_the_run_is_measured():
+    seconds = (ESTIMATE.stamps_ns - ESTIMATE.stamps_ns[0]) / 1e9
+    steps = np.diff(ESTIMATE.positions, axis=0) * (0.75 + 0.5 * seconds[:-1, None] / 60)
+    positions = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    found = diagnosis_of(replace(ESTIMATE, positions=positions))
+    assert names(found)[0] == 'scale_drift'
+    assert found.causes[0].value == pytest.approx(50, abs=5)
+
+
+def conjugated(poses: Trajectory) -> Trajectory:
+    return replace(poses, rotations=rotation.conjugate(poses.rotations))
+
+
+def inverted(poses: Trajectory) -> Trajectory:
+    back = rotation.conjugate(poses.rotations)
+    return Trajectory(poses.stamps_ns, -rotation.rotate(back, poses.positions), back)
+
+
+def reordered(*order: int):
+    return lambda poses: replace(poses, rotations=poses.rotations[:, list(order)])
+
+
+CONVENTIONS = {
+    'quaternion_conjugated': (conjugated, ('?invert=rotation',)),
+    'pose_inverted': (inverted, ('?invert=pose',)),
+    'w first': (reordered(3, 0, 1, 2), ('?quaternion=wxyz',)),
+    'w last': (reordered(1, 2, 3, 0), ('?quaternion=xyzw',)),
+    'mirrored': (lambda p: replace(p, positions=p.positions[:, [1, 0, 2]]), ()),
+    'permuted': (lambda p: replace(p, positions=p.positions[:, [1, 2, 0]]), ()),
+    'mirrored altogether': (
+        lambda p: replace(
+            p, positions=p.positions[:, [0, 2, 1]], rotations=p.rotations[:, [0, 2, 1, 3]]
+        ),
+        (),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize('case', CONVENTIONS)
+@pytest.mark.parametrize('seconds', [0.0, 0.05])
+def test_a_wrong_convention_comes_first_whatever_else_is_wrong(case, seconds):
+    harm, flags = CONVENTIONS[case]
+    found = diagnosis_of(late(seconds, harm(ESTIMATE)))
+    name = {
+        'w first': 'quaternion_order', 'w last': 'quaternion_order', 'mirrored': 'axes_swapped',
+        'permuted': 'axes_swapped', 'mirrored altogether': 'axes_swapped',
+    }.get(case, case)  # fmt: skip
+    assert names(found) == [name, *(['time_offset'] if seconds else [])]
+    assert found.causes[0].flags == flags
+    assert found.errors_after['ATE [m]'] == pytest.approx(
+        HEALTHY.errors_before['ATE [m]'], rel=0.1
+    )
+
+
+def test_estimate_and_truth_in_each_others_place_are_noticed():
+    found = diagnose(TRUTH, ESTIMATE, CONFIG)
+    assert 'swapped_inputs' in names(found)
+    assert 'swapped_inputs' not in names(HEALTHY)
+
+
+def test_a_truth_that_stands_still_is_named_and_nothing_else():
+    static = replace(
+        TRUTH,
+        positions=np.tile(TRUTH.positions[:1], (len(TRUTH), 1)),
+        rotations=np.tile(TRUTH.rotations[:1], (len(TRUTH), 1)),
+    )
+    found = diagnose(ESTIMATE, static, CONFIG)
+    assert names(found) == ['truth_static']
+    assert 'scale' in found.cannot_tell
+
+
+def test_a_truth_that_froze_half_way_is_named():
+    positions = TRUTH.positions.copy()
+    positions[4000:] = positions[4000]
+    assert 'truth_static' in names(diagnose(ESTIMATE, replace(TRUTH, positions=positions), CONFIG))
+
+
+def test_of_two_that_stand_still_nothing_can_be_told():
+    def resting(poses: Trajectory) -> Trajectory:
+        noise = np.random.default_rng(0).normal(0, 1e-3, (len(poses), 3))
+        return Trajectory(poses.stamps_ns, noise, rotation.from_rotation_vector(noise))
+
+    found = diagnose(resting(ESTIMATE), resting(TRUTH), CONFIG)
+    assert names(found) == ['insufficient_motion']
+    assert set(found.cannot_tell) == set(NAMES) - {'truth_static', 'insufficient_motion'}
+
+
+def test_what_a_straight_way_does_not_show_cannot_be_told():
+    seconds = (TRUTH.stamps_ns - TRUTH.stamps_ns[0]) / 1e9
+    rng = np.random.default_rng(0)
+
+    def straight(stamps_ns: np.ndarray, noise: float) -> Trajectory:
+        along = 10 * np.sin((stamps_ns - TRUTH.stamps_ns[0]) / 1e9 / 10)
+        positions = np.outer(along, [1.0, 0.2, 0.0]) + rng.normal(0, noise, (len(stamps_ns), 3))
+        turns = rotation.from_rotation_vector(rng.normal(0, noise, (len(stamps_ns), 3)))
+        return Trajectory(stamps_ns, positions, turns)
+
+    found = diagnose(straight(ESTIMATE.stamps_ns, 3e-3), straight(TRUTH.stamps_ns, 1e-5), CONFIG)
+    assert seconds[-1] > 50
+    assert {'time_offset', 'sensor_rotation', 'lever_arm'} <= set(found.cannot_tell)
+    assert 'scale' not in found.cannot_tell
+    assert names(found) == []
+
+
+def test_positions_alone_still_tell_offset_and_scale():
+    points = replace(TRUTH, rotations=None)
+    harmed = late(0.1, replace(ESTIMATE, positions=1.1 * ESTIMATE.positions))
+    found = diagnose(harmed, points, CONFIG)
+    assert set(names(found)) == {'time_offset', 'scale'}
+    assert found.findings['time_offset']['value'] == pytest.approx(0.1, abs=5e-3)
+    assert {'sensor_rotation', 'lever_arm', 'yaw_drift'} <= set(found.cannot_tell)
+
+
+def test_two_faults_at_once_are_both_named():
+    harmed = late(0.05, replace(ESTIMATE, positions=1.2 * ESTIMATE.positions))
+    assert set(names(diagnosis_of(harmed))) == {'time_offset', 'scale'}
+
+
+def test_causes_are_undone_one_behind_the_other():
+    harmed = late(0.3, replace(ESTIMATE, positions=1.2 * ESTIMATE.positions))
+    first, second = diagnosis_of(harmed).causes
+    assert second.ate_before_m == first.ate_after_m
+    assert second.ate_after_m < 0.1 < first.ate_before_m
+
+
+def test_the_document_is_strict_json_with_the_names_listed():
+    found = diagnosis_of(late(-1_403_715_000.0))
+    document = json.loads(json.dumps(found.to_dict(), allow_nan=False))
+    assert document['schema'] == 'vio_eval_ros.diagnosis/1'
+    assert document['causes'][0]['ate_before_m'] is None
+    assert set(document) == {'schema', 'causes', 'cannot_tell', 'findings'}
+    assert document['causes'][0]['name'] in NAMES
+
+
+def test_a_handful_of_poses_is_refused():
+    with pytest.raises(NoPairs, match='estimate has 5 usable poses'):
+        diagnosis_of(ESTIMATE[:5])
+
+
+@pytest.mark.parametrize('rate_hz', [10, 20, 50, 200])
+def test_an_offset_is_as_exact_against_a_slow_truth(rate_hz):
+    thinned = TRUTH[:: 200 // rate_hz]
+    found = diagnose(late(0.0371), thinned, CONFIG)
+    assert found.findings['time_offset']['value'] == pytest.approx(0.0371, abs=1e-3)
+
+
+def test_the_published_run_that_lags_by_a_frame_is_found(shared_data):
+    from vio_eval_ros.core.trajectory import clean, Cleaning
+    from vio_eval_ros.recordings.sources import read_sources
+
+    folder = 'est_rpg_trajectory_evaluation/euroc_vislam_mono/vislam_rp/V1_02'
+    sources = read_sources(
+        [
+            f'{shared_data}/{folder}/stamped_traj_estimate0.txt',
+            f'{shared_data}/gt_euroc/open_vins_tum/V1_02_medium.txt',
+        ]
+    )
+    found = diagnose(*(clean(source.poses, Cleaning()) for source in sources), CONFIG)
+    assert names(found) == ['time_offset']
+    assert found.causes[0].value == pytest.approx(0.05, abs=1e-3)
+
+
+@pytest.mark.parametrize('harm', [conjugated, inverted])
+def test_a_truth_that_is_inverse_is_told_from_an_estimate_that_is(harm):
+    # worlds far apart tell on which side of a rotation the other world is
+    turn = about([0, 0, 1], 100.0)
+    elsewhere = replace(
+        ESTIMATE,
+        positions=rotation.rotate(turn, ESTIMATE.positions),
+        rotations=rotation.multiply(turn, ESTIMATE.rotations),
+    )
+    found = diagnose(elsewhere, harm(TRUTH), CONFIG)
+    assert [(cause.name, cause.side) for cause in found.causes] == [
+        ('quaternion_conjugated' if harm is conjugated else 'pose_inverted', 'ground_truth')
+    ]
+    assert found.errors_after['ATE [m]'] == pytest.approx(
+        HEALTHY.errors_before['ATE [m]'], rel=0.1
+    )
+    own = diagnose(harm(elsewhere), TRUTH, CONFIG)
+    assert [cause.side for cause in own.causes] == ['estimate']
+
+
+def test_a_stamp_of_zero_among_those_of_today_does_not_matter():
+    stamps_ns = ESTIMATE.stamps_ns.copy()
+    stamps_ns[0] = 0
+    found = diagnosis_of(late(0.05, replace(ESTIMATE, stamps_ns=stamps_ns)))
+    assert names(found) == ['time_offset']
+    assert found.findings['stamps_far_from_all_others'] == {'estimate': 1, 'ground_truth': 0}
+
+
+def test_rotations_that_never_change_stand_for_none():
+    # a prism or an antenna that is written as a pose
+    constant = replace(TRUTH, rotations=np.tile([0.0, 0.0, 0.0, 1.0], (len(TRUTH), 1)))
+    found = diagnose(ESTIMATE, constant, CONFIG)
+    assert found.findings['position_only']
+    assert names(found) == []
+    assert {'sensor_rotation', 'lever_arm'} <= set(found.cannot_tell)

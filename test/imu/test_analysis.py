@@ -1,0 +1,180 @@
+"""Units, motion and doubtful records are recognised, and said."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+
+from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.imu.analysis import analyse
+from vio_eval_ros.imu.documents import json_document, kalibr_document, plot, table
+from vio_eval_ros.imu.record import AXES, Record
+from vio_eval_ros.imu.simulate import EUROC, ImuNoise, Noise, simulate_noise
+
+pytest.importorskip('allantools')
+
+RATE_HZ = 50.0
+BIAS = np.array([0.02, -0.01, 0.005, 0.1, -0.2, 9.81])
+
+
+def rest(hours=1.0, noise=EUROC, seed=1):
+    count = round(hours * 3600 * RATE_HZ)
+    return BIAS + simulate_noise(count, RATE_HZ, noise, np.random.default_rng(seed))
+
+
+def analysed(samples, stated=None, stamps_ns=None):
+    record = Record('test')
+    period_ns = round(1e9 / RATE_HZ)
+    record.add(period_ns * np.arange(len(samples)) if stamps_ns is None else stamps_ns, samples)
+    return analyse('rest.bag:/imu0', record.finish(), stated or {})
+
+
+@pytest.fixture(scope='module')
+def still():
+    return analysed(rest())
+
+
+def test_a_record_at_rest_gives_its_noise_without_a_warning(still):
+    assert still.warnings == []
+    for name, axis in still.axes.items():
+        noise = getattr(EUROC, name.partition('_')[0])
+        assert axis.fit.density.value == pytest.approx(noise.density, rel=0.05)
+        assert axis.fit.walk.value == pytest.approx(noise.walk, rel=0.25)
+    assert still.axes['accel_z'].mean == pytest.approx(9.81, abs=0.5)
+
+
+def test_degrees_and_g_are_told_by_magnitude_and_said(still):
+    other = analysed(rest() / np.repeat([np.pi / 180, 9.80665], 3))
+    assert [unit.name for unit in other.units.values()] == ['deg/s', 'g']
+    assert [unit.known for unit in other.units.values()] == ['by magnitude'] * 2
+    assert sum('after its magnitude' in line for line in other.warnings) == 2
+    for name in AXES:
+        found, expected = other.axes[name].fit, still.axes[name].fit
+        assert found.density.value == pytest.approx(expected.density.value, rel=1e-6)
+        assert found.walk.value == pytest.approx(expected.walk.value, rel=1e-6)
+
+
+def test_stated_units_are_not_questioned():
+    stated = analysed(rest(), {'gyro': 'deg/s', 'accel': 'm/s2'})
+    assert stated.units['gyro'] == ('deg/s', 'stated')
+    density = stated.axes['gyro_x'].fit.density.value
+    assert density == pytest.approx(EUROC.gyro.density * np.pi / 180, rel=0.05)
+    assert not any('magnitude' in line for line in stated.warnings)
+
+
+@pytest.mark.parametrize('density', [2e-6, 1e-5, 1.7e-4, 5e-4])
+def test_no_common_gyroscope_in_radians_is_taken_to_be_in_degrees(density):
+    noise = ImuNoise(Noise(density, 1e-6), EUROC.accel)
+    assert analysed(rest(0.1, noise)).units['gyro'] == ('rad/s', 'by default')
+
+
+def test_motion_is_reported_with_its_time():
+    samples = rest()
+    samples[2_000:2_100, 0] += np.linspace(0, 0.5, 100)
+    (warning,) = [line for line in analysed(samples).warnings if 'at rest' in line]
+    assert 'for 2 of 3,600 seconds, first 40 s after the start' in warning
+
+
+def test_a_rotating_sensor_and_missing_gravity_are_reported():
+    samples = rest() - BIAS
+    samples[:, 2] += 1.0
+    warnings = ' '.join(analysed(samples).warnings)
+    assert 'mean angular rate is 1 rad/s' in warnings
+    assert 'mean acceleration is' in warnings
+
+
+def test_losses_gaps_and_shared_stamps_are_reported():
+    samples = rest(0.2)
+    stamps_ns = 20_000_000 * np.arange(len(samples))
+    kept = np.flatnonzero(np.arange(len(samples)) % 40 != 7)
+    stamps_ns[20_000:] += 10**10
+    warnings = ' '.join(analysed(samples[kept], stamps_ns=stamps_ns[kept]).warnings)
+    assert '2.6 % of the samples were lost' in warnings
+    assert '1 gaps (500 samples) cut the record into 2 segments' in warnings
+    stamps_ns = 20_000_000 * (np.arange(len(samples)) // 2 * 2)
+    assert 'stamps are not those of the sensor' in ' '.join(
+        analysed(samples, stamps_ns=stamps_ns).warnings
+    )
+
+
+def test_a_stuck_axis_is_null_and_said():
+    samples = rest(0.2)
+    samples[:, 1] = 0.25
+    found = analysed(samples)
+    fit = found.axes['gyro_y'].fit
+    assert math.isnan(fit.density.value)
+    assert 'never changes' in fit.density.reason
+    assert json.loads(json_document(found))['axes']['gyro_y']['curve']['deviation'][0] == 0
+
+
+def test_the_json_has_every_parameter_with_its_interval_and_null_for_what_is_not_known(still):
+    document = json.loads(json_document(still))
+    assert document['schema'] == 'vio_eval_ros.imu_noise/1'
+    assert document['input']['rate_hz'] == pytest.approx(50.0)
+    assert document['input']['counts']['samples'] == 180_000
+    assert list(document['axes']) == list(AXES)
+    for name, axis in document['axes'].items():
+        for parameter in ('white_noise_density', 'random_walk'):
+            found = axis['parameters'][parameter]
+            assert found['low'] < found['value'] < found['high']
+            assert found['reason'] is None
+        assert axis['parameters']['bias_instability']['value'] is None
+        assert axis['parameters']['bias_instability']['reason']
+        curve = axis['curve']
+        assert len({len(values) for values in curve.values()}) == 1
+        assert (np.array(curve['low']) < curve['deviation']).all()
+        assert (np.array(curve['high']) > curve['deviation']).all()
+        largest = document['kalibr'][
+            f'{"gyroscope" if name[0] == "g" else "accelerometer"}_random_walk'
+        ]
+        assert axis['parameters']['random_walk']['value'] <= largest
+
+
+def test_the_table_has_a_line_for_each_axis_and_a_reason_for_each_null(still):
+    lines = table(still).splitlines()
+    assert sum(line[:9].strip() in ('x', 'y', 'z') for line in lines) == 6
+    assert any(
+        line.startswith('null: gyro_x, gyro_y') and 'bias instability' in line for line in lines
+    )
+
+
+def test_kalibr_s_file_has_its_four_figures_rate_and_topic(still):
+    import yaml
+
+    text = kalibr_document(still, '/imu0')
+    content = yaml.safe_load(text)
+    assert content['rostopic'] == '/imu0'
+    assert content['update_rate'] == 50.0
+    assert content['gyroscope_noise_density'] == max(
+        still.axes[f'gyro_{axis}'].fit.density.value for axis in 'xyz'
+    )
+    assert content['accelerometer_random_walk'] == pytest.approx(3e-3, rel=0.2)
+    assert all(isinstance(value, float) for key, value in content.items() if key != 'rostopic')
+    assert '5 to 10 times' in text
+
+
+def test_kalibr_s_file_is_not_made_of_guesses():
+    noise = ImuNoise(Noise(1.7e-4, 0.0), EUROC.accel)
+    with pytest.raises(ConfigError, match=r'gyroscope_random_walk is not known: .*record longer'):
+        kalibr_document(analysed(rest(0.2, noise)), '/imu0')
+
+
+def test_the_plot_is_a_png_that_shows_something(still):
+    pytest.importorskip('matplotlib')
+    image = pytest.importorskip('PIL.Image')
+    import io
+
+    png = plot(still)
+    with image.open(io.BytesIO(png)) as picture:
+        assert picture.size == (1200, 550)
+        assert len(set(picture.convert('RGB').resize((60, 30)).tobytes())) > 20
+
+
+def test_a_short_record_still_has_every_document():
+    short = analysed(rest(0.0001))
+    assert all(math.isnan(axis.fit.density.value) for axis in short.axes.values())
+    assert 'too short' in table(short)
+    assert json.loads(json_document(short))['kalibr']['gyroscope_noise_density'] is None
+    pytest.importorskip('matplotlib')
+    assert plot(short).startswith(b'\x89PNG')

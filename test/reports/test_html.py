@@ -1,0 +1,376 @@
+"""The page of a run: what it says and draws, and that no name breaks out of it."""
+
+import base64
+from dataclasses import replace
+import hashlib
+import json
+import math
+import os
+import re
+import subprocess
+import sys
+
+import numpy as np
+import plotly.graph_objects as go
+import pytest
+
+from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.evaluation import Evaluation
+from vio_eval_ros.core.gates import Gate, judge
+from vio_eval_ros.core.trajectory import Trajectory
+from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.recordings.sources import read_sources
+from vio_eval_ros.reports.html import html_report
+from vio_eval_ros.reports.page import html, tag
+from vio_eval_ros.reports.plots import (
+    boxes,
+    Course,
+    MOST_POINTS,
+    relative_samples,
+    segment_samples,
+    usual_lengths,
+)
+from vio_eval_ros.reports.result import Input, Result
+from vio_eval_ros.scoring.run import score_run
+from vio_eval_ros.simulation import simulate
+
+HOSTILE = '</script><script>hacked=1</script><img src=x onerror="hacked=2">\'"&amp;%{x}\x1b\x00'
+GATES = ('ate_trans_rmse_m<=1e-9', 'coverage_ratio>=0.5', 'rpe_1s_rot_rmse_deg<=90')
+
+
+def result_of(
+    estimate: Trajectory,
+    truth: Trajectory,
+    gates: tuple[str, ...] = (),
+    source: str = 'est.tum',
+    **options: object,
+) -> Result:
+    evaluation = Evaluation(EvaluationConfig(**options))
+    evaluation.add_ground_truth(truth)
+    evaluation.add_estimate(estimate)
+    evaluation.flush()
+    summary, streams = evaluation.summary(), evaluation.associator
+    return Result(
+        Input(source, 'tum', '0' * 64, streams.estimate),
+        Input('gt.tum', 'tum', None, streams.ground_truth),
+        evaluation.config,
+        summary,
+        judge([Gate.parse(gate) for gate in gates], summary.metrics),
+    )
+
+
+def harmed() -> tuple[Trajectory, Trajectory]:
+    """Return a flight of 40 s: not tracked until 3 s and from 10 to 14 s, off by 1 m from 25 s."""
+    run = simulate(duration_s=40.0)
+    estimate = run.estimate
+    seconds = (estimate.stamps_ns - run.ground_truth.stamps_ns[0]) / 1e9
+    positions = estimate.positions + np.outer(seconds >= 25, [1.0, 0, 0])
+    tracked = (seconds >= 3) & ((seconds < 10) | (seconds >= 14))
+    return replace(estimate, positions=positions)[tracked], run.ground_truth
+
+
+@pytest.fixture(scope='module')
+def result() -> Result:
+    return result_of(*harmed(), GATES, segment_lengths_m=(10,))
+
+
+@pytest.fixture(scope='module')
+def report(result) -> str:
+    return html_report(result)
+
+
+@pytest.fixture(scope='module')
+def real(shared_data) -> Result:
+    """Return a real run that starts late and jumps: VINS-Mono on EuRoC's V1_02."""
+    estimate = shared_data / 'est_plsl_slam/euroc/V1-02/vins-mono.csv'
+    truth = shared_data / 'gt_euroc/open_vins_tum/V1_02_medium.txt'
+    config = EvaluationConfig(max_difference_s=0.01)
+    gates = [Gate.parse(gate) for gate in ('ate_trans_rmse_m<=0.1', 'coverage_ratio>=0.9')]
+    sources = read_sources([f'{estimate}?quaternion=wxyz&stamps=ns', str(truth)])
+    return score_run(*sources, config, gates)
+
+
+def test_the_page_says_what_was_found(result, report, parsed):
+    metrics, page = result.summary.metrics, parsed(report)
+    assert page.of('h1')[0][1] == 'est.tum'
+    assert ('fail', 'badge fail') == next(
+        (text, attributes['class'])
+        for attributes, text in page.of('span')
+        if 'badge' in attributes['class']
+    )
+    for name in ('ate_trans_rmse_m', 'ate_rot_max_deg', 'rpe_10m_trans_rmse_m', 'sim3_scale'):
+        assert f'{metrics[name]:.4g}' in page.text, name
+    for verdict in result.verdicts:
+        assert verdict.gate.metric in page.text
+    for name in result.config.to_dict():
+        assert name in page.text
+    assert f'{100 * metrics["coverage_ratio"]:.1f} %' in page.text
+    assert f'{len(result.summary.pairs):,} pairs' in page.text
+    assert '0' * 64 in page.text
+    assert '2 gaps without pairs' in page.text
+    assert '1 jump of the estimate' in page.text
+
+
+def test_warnings_and_what_was_dropped_are_told(parsed):
+    estimate, truth = harmed()
+    positions = estimate.positions.copy()
+    positions[5] = math.nan
+    result = result_of(replace(estimate, positions=positions), truth)
+    page = parsed(html_report(result))
+    assert 'estimate: dropped 1 non-finite' in result.summary.warnings
+    for warning in result.summary.warnings:
+        assert warning in page.text
+    assert re.search(r'dropped: non finite\s+1\s+0', page.text)
+    assert 'no gates' in page.text
+
+
+@pytest.mark.parametrize('place', ['estimate', 'ground_truth', 'warnings'])
+def test_a_name_stays_text(place, result, report, parsed):
+    if place == 'warnings':
+        assert result.summary.warnings  # else there is no list of them to compare with
+        hostile = replace(result, summary=replace(result.summary, warnings=[HOSTILE]))
+    else:
+        hostile = replace(result, **{place: replace(getattr(result, place), source=HOSTILE)})
+    text = html_report(hostile)
+    page = parsed(text)
+    assert '<script>hacked=1' in page.text
+    assert {name for name, _ in page.elements} == {name for name, _ in parsed(report).elements}
+    assert len(page.of('script')) == len(parsed(report).of('script'))
+    assert not any(name.startswith('on') for _, attributes in page.elements for name in attributes)
+    assert '\x1b' not in text
+    assert '\x00' not in text
+
+
+def test_content_of_elements_is_text_unless_it_was_made_here():
+    assert html('<b>') == '&lt;b&gt;'
+    assert (
+        tag('p', '<b>', tag('i', '"'), title='"') == '<p title="&quot;">&lt;b&gt;<i>&quot;</i></p>'
+    )
+
+
+def test_nothing_in_the_page_is_elsewhere(report, parsed):
+    page = parsed(report)
+    for name, attributes in page.elements:
+        assert not attributes.keys() & {'src', 'href', 'action', 'data', 'srcset'}, name
+        assert name not in ('link', 'iframe', 'object', 'embed', 'base')
+    styles = ' '.join(text for _, text in page.of('style'))
+    assert 'url(' not in styles
+    assert '@import' not in styles
+
+
+def test_only_the_scripts_of_the_page_may_run(report, parsed):
+    page = parsed(report)
+    (policy,) = (
+        attributes['content'] for attributes, _ in page.of('meta') if 'http-equiv' in attributes
+    )
+    scripts = [text for attributes, text in page.of('script') if not attributes]
+    assert len(scripts) == 2
+    for script in scripts:
+        digest = base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()
+        assert f"'sha256-{digest}'" in policy
+    assert policy.startswith("default-src 'none'; ")
+    assert 'unsafe' not in policy.replace("style-src 'unsafe-inline'", '')
+
+
+def test_the_page_is_the_same_in_another_process(tmp_path):
+    estimate, truth = tmp_path / 'est.tum', tmp_path / 'gt.tum'
+    run = simulate(duration_s=10.0)
+    for file, poses in ((estimate, run.estimate), (truth, run.ground_truth)):
+        rows = np.column_stack([poses.stamps_ns / 1e9, poses.positions, poses.rotations])
+        np.savetxt(file, rows, '%.9f')
+    pages = []
+    for seed in ('1', '2'):
+        command = [sys.executable, '-m', 'vio_eval_ros', 'replay', '--estimate', str(estimate)]
+        command += ['--ground-truth', str(truth), '--report', f'html:{tmp_path}/{seed}.html']
+        environment = os.environ | {'PYTHONHASHSEED': seed}
+        done = subprocess.run(
+            command, env=environment, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+        pages.append((tmp_path / f'{seed}.html').read_bytes())
+    assert pages[0] == pages[1]
+
+
+def test_the_figures_are_such_as_plotly_knows(report, parsed):
+    figures = parsed(report).figures
+    kinds = [figure['data'][0]['type'] for figure in figures]
+    assert kinds == ['scatter3d', 'scatter', 'scatter', 'box', 'box', 'box', 'box']
+    for figure in figures:
+        go.Figure(figure)  # raises where it has a property that there is not
+
+
+def test_gaps_and_jumps_are_where_they_were_made(result):
+    course = Course.of(result)
+    assert np.allclose(course.gaps, [(0, 3), (10, 14)], atol=0.06)
+    ((k, size),) = course.jumps
+    assert course.seconds[k] == pytest.approx(25, abs=0.06)
+    assert size == pytest.approx(1, abs=0.05)
+
+
+def test_a_lost_track_is_a_gap_until_the_ground_truth_ends():
+    run = simulate(duration_s=20.0)
+    course = Course.of(result_of(run.estimate[:100], run.ground_truth))
+    ((begin, end),) = course.gaps
+    assert begin == pytest.approx(5, abs=0.06)
+    assert end == pytest.approx(20, abs=0.06)
+
+
+def test_lines_are_thinned_out_but_keep_their_extremes_and_gaps(parsed):
+    run = simulate(duration_s=400.0)
+    positions = run.estimate.positions.copy()
+    positions[4321] += 3
+    keep = np.ones(len(positions), bool)
+    keep[6000:6100] = False
+    estimate = replace(run.estimate, positions=positions)[keep]
+    result = result_of(estimate, run.ground_truth, rpe_deltas=('1f',))
+    figures = parsed(html_report(result)).figures
+    for trace in (trace for figure in figures for trace in figure['data']):
+        assert len(trace.get('y', ())) <= 1.1 * MOST_POINTS
+    path, _, time, *_ = figures
+    assert path['data'][1]['x'].count(None) == 1
+    curve = time['data'][0]
+    assert curve['y'].count(None) == 1
+    highest = max(y for y in curve['y'] if y is not None)
+    assert highest == pytest.approx(result.summary.metrics['ate_trans_max_m'], rel=1e-4)
+    assert [round(shape['x1'] - shape['x0']) for shape in time['layout']['shapes'][:1]] == [5]
+
+
+def test_boxes_are_of_the_errors_that_the_figures_are_of(result):
+    metrics = result.summary.metrics
+    (_, position), (_, rotation) = relative_samples(result)
+    for delta in result.config.rpe_deltas:
+        for kind, errors in (('trans', position[delta]), ('rot', rotation[delta])):
+            unit = 'm' if kind == 'trans' else 'deg'
+            assert len(errors) == metrics[f'rpe_{delta}_pairs']
+            for name, value in (('median', np.median(errors)), ('max', errors.max())):
+                assert value == pytest.approx(metrics[f'rpe_{delta}_{kind}_{name}_{unit}'])
+    (box,) = boxes('position [m]', position)['data']
+    assert box['median'] == [np.median(errors) for errors in position.values()]
+    assert box['q3'] == [np.quantile(errors, 0.75) for errors in position.values()]
+    assert box['upperfence'] == [np.quantile(errors, 0.95) for errors in position.values()]
+
+
+def test_segments_are_those_of_the_metrics(result):
+    metrics = result.summary.metrics
+    (_, drift), (_, turn) = segment_samples(result, (10.0,))
+    assert len(drift['10 m']) == metrics['segment_10m_segments']
+    assert drift['10 m'].mean() == pytest.approx(metrics['segment_10m_trans_percent'])
+    assert turn['10 m'].mean() == pytest.approx(metrics['segment_10m_rot_deg_per_m'])
+
+
+@pytest.mark.parametrize(
+    ('path_m', 'lengths_m'),
+    [(75.0, (5, 10, 20)), (3700.0, (200, 500, 1000)), (1.2, (0.1, 0.2, 0.5)), (math.nan, ())],
+)
+def test_lengths_of_segments_fit_the_path_where_none_are_given(path_m, lengths_m):
+    assert usual_lengths(path_m) == pytest.approx(lengths_m)
+
+
+def drawn(result: Result, parsed) -> list[str]:
+    """Return the kinds of figures of a page that can be made at all."""
+    text = html_report(result)
+    assert 'NaN' not in text.partition('<body>')[2].partition('<noscript>')[0]
+    return [figure['data'][0]['type'] for figure in parsed(text).figures]
+
+
+def test_positions_without_orientations_are_drawn(parsed):
+    run = simulate(duration_s=20.0)
+    truth = replace(run.ground_truth, rotations=None)
+    kinds = drawn(result_of(run.estimate, truth), parsed)
+    assert kinds == ['scatter3d', 'scatter', 'scatter', 'box', 'box']
+
+
+def test_a_single_pair_is_drawn(parsed):
+    run = simulate(duration_s=20.0)
+    result = result_of(run.estimate[:1], run.ground_truth)
+    assert drawn(result, parsed) == ['scatter3d', 'scatter', 'scatter']
+
+
+def test_what_has_no_alignment_is_not_drawn_but_told(parsed):
+    run = simulate(duration_s=20.0)
+    estimate = replace(run.estimate, rotations=None)
+    result = result_of(estimate, run.ground_truth, alignment='origin')
+    assert 'scatter3d' not in drawn(result, parsed)
+    assert 'nothing to draw' in html_report(result)
+
+
+def test_an_estimate_without_any_error_is_drawn(parsed):
+    run = simulate(duration_s=20.0)
+    result = result_of(run.ground_truth, run.ground_truth, alignment='none')
+    assert Course.of(result).jumps == []
+    assert drawn(result, parsed)[:3] == ['scatter3d', 'scatter', 'scatter']
+
+
+def test_far_coordinates_are_drawn_from_near_them(parsed):
+    run = simulate(duration_s=20.0)
+    far = replace(run.ground_truth, positions=run.ground_truth.positions + np.array([4e5, 5e6, 0]))
+    figure = parsed(html_report(result_of(run.estimate, far))).figures[0]
+    assert max(abs(y) for y in figure['data'][0]['y'] if y is not None) < 10
+    assert re.match(r'y - 50000\d\d \[m\]', figure['layout']['scene']['yaxis']['title']['text'])
+    near = parsed(html_report(result_of(run.estimate, run.ground_truth))).figures[0]
+    assert near['layout']['scene']['yaxis']['title']['text'] == 'y [m]'
+
+
+def test_a_metre_is_as_long_along_every_axis(result, parsed):
+    path, above = parsed(html_report(result)).figures[:2]
+    scene = path['layout']['scene']
+    metres = [scene[f'{name}axis']['range'] for name in 'xyz']
+    shown = [
+        scene['aspectratio'][name] / (high - low)
+        for name, (low, high) in zip('xyz', metres, strict=True)
+    ]
+    assert shown == pytest.approx([shown[0]] * 3)
+    assert above['layout']['yaxis']['scaleanchor'] == 'x'
+    for trace in path['data'][:2]:
+        for name, (low, high) in zip('xyz', metres, strict=True):
+            assert all(low < value < high for value in trace[name] if value is not None)
+
+
+def test_a_run_that_is_flat_in_y_is_seen_along_y(parsed):
+    run = simulate(duration_s=20.0)
+    truth = replace(run.ground_truth, positions=run.ground_truth.positions[:, [0, 2, 1]])
+    result = result_of(run.estimate, truth)
+    assert parsed(html_report(result)).figures[1]['layout']['yaxis']['title']['text'] == 'z [m]'
+
+
+def test_without_plotly_the_error_says_what_to_install(result, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'plotly.offline', None)
+    with pytest.raises(ConfigError, match=r"needs plotly: pip install 'vio_eval_ros\[report\]'"):
+        html_report(result)
+
+
+@pytest.mark.parametrize('width', [400, 1400])
+def test_a_real_run_looks_right_in_a_browser(width, real, window):
+    window.open(html_report(real), width)
+    assert len(window.page.query_selector_all('.js-plotly-plot')) == 7
+    assert window.page.inner_text('header .badge') == 'fail'
+
+
+def test_pointing_at_an_error_shows_where_that_was(real, window):
+    window.open(html_report(real), 1400)
+    page = window.page
+    page.hover('.plot[data-shows=errors] .nsewdrag >> nth=0')
+    window.wait(
+        "[...document.querySelectorAll('[data-shows=path]')]"
+        '.every(box => typeof box.data.at(-1).x[0] === "number")'
+    )
+    places = page.evaluate(
+        "[...document.querySelectorAll('[data-shows=path]')]"
+        '.map(box => [box.data.at(-1).x[0], box.data.at(-1).y[0]])'
+    )
+    assert places[0] == places[1]
+    page.emulate_media(color_scheme='dark')
+    window.wait(
+        "document.querySelector('.plot').layout.font.color"
+        ' === getComputedStyle(document.body).color'
+    )
+    window.check()
+
+
+def test_hostile_names_do_nothing_in_a_browser(window):
+    result = result_of(*harmed(), source=HOSTILE)
+    result.summary.warnings.append(HOSTILE)
+    window.open(html_report(result), 400)
+    assert window.page.evaluate('typeof hacked') == 'undefined'
+    assert '<script>hacked=1' in window.page.inner_text('h1')
+    assert json.loads(window.page.evaluate('JSON.stringify(document.images.length)')) == 0

@@ -1,0 +1,306 @@
+"""Reports of a suite say the same in every format, in which no name can break out."""
+
+from collections.abc import Callable, Iterator
+import csv
+import io
+from itertools import pairwise
+import json
+from pathlib import Path
+import re
+from typing import Any
+from xml.etree import ElementTree
+
+from jsonschema import Draft202012Validator
+from markdown_it import MarkdownIt
+import pytest
+from referencing import Registry, Resource
+
+from vio_eval_ros.reports import REPORTS
+from vio_eval_ros.scoring.baseline import Baseline, definition_sha256
+from vio_eval_ros.scoring.documents import COLUMNS, SUITE_REPORTS, suite_text
+from vio_eval_ros.scoring.scoring import compared, SuiteResult
+
+SCHEMAS = {
+    name: json.loads((Path(__file__).resolve().parents[2] / 'docs/schema' / name).read_text())
+    for name in ('result-1.json', 'suite-1.json')
+}
+HOSTILE = 'a<script>alert(1)</script>|`b`*c*&"\\\x1b[2J_{x}%$#~^\n# d,x\udcff'
+# What Jenkins (the schema of its xUnit plugin) and GitLab take: required attributes, others, and
+# what may be inside.
+JUNIT = {
+    'testsuites': (set(), {'name', 'time', 'tests', 'failures', 'errors'}, {'testsuite'}),
+    'testsuite': (
+        {'name', 'tests', 'failures', 'errors'},
+        {'skipped', 'time', 'timestamp', 'hostname', 'id', 'package', 'file'},
+        {'properties', 'testcase'},
+    ),
+    'properties': (set(), set(), {'property'}),
+    'property': ({'name', 'value'}, set(), set()),
+    'testcase': ({'name', 'classname'}, {'time'}, {'skipped', 'error', 'failure'}),
+    'failure': (set(), {'message', 'type'}, set()),
+}
+
+
+@pytest.fixture
+def result(lab) -> SuiteResult:
+    """Return a suite with all that can happen in it: three sequences, of which one passes."""
+    lab.runs('good', 0.1, 0.11, 0.12)
+    lab.runs('worse', 0.1, 0.11, 0.12)
+    lab.runs('new', 0.3)
+    (lab.folder / 'bands.yaml').write_text('good: {good: 1, plausible: 2, failed: 3}')
+    before = lab.score('good', 'worse', 'gone, estimate: "good/*"').sequences
+    recorded = {one.sequence.name: one.recorded for one in before}
+    lab.runs('worse', 0.2, 0.21, 0.22)
+    (lab.folder / 'new/1.tum').write_text('')
+    lab.run('new/2.tum', 0.1, until=0.4)
+    after = lab.score(
+        'good, tags: [easy]',
+        'worse, gates: {ate_trans_rmse_m: {max: 1, warn: 0.1}}',
+        'new, gates: {ate_trans_rmse_m: [{max: 0.1}, {max: 0.2, of: worst}]}',
+        top='bands: bands.yaml',
+    )
+    return compared(after, Baseline(definition_sha256(), recorded))
+
+
+@pytest.fixture
+def hostile(lab) -> SuiteResult:
+    """Return a suite whose names want to be markup."""
+    name = json.dumps(HOSTILE.replace('\udcff', ''))
+    (lab.folder / 'a').mkdir()
+    for bad in ('<img src=x onerror=alert(1)>|$x_1$', 'b\udcff\n'):
+        (lab.folder / 'a' / bad).write_text('')
+    return lab.score(f'{name}, estimate: "a/*"')
+
+
+@pytest.fixture(scope='module')
+def validator() -> Draft202012Validator:
+    for schema in SCHEMAS.values():
+        Draft202012Validator.check_schema(schema)
+    resources = [(schema['$id'], Resource.from_contents(schema)) for schema in SCHEMAS.values()]
+    return Draft202012Validator(
+        SCHEMAS['suite-1.json'], registry=Registry().with_resources(resources)
+    )
+
+
+def rows(result: SuiteResult) -> list[list[str]]:
+    """Return the table of the Markdown report as a reader of it would see it."""
+    tokens = MarkdownIt('gfm-like', {'linkify': False}).parse(SUITE_REPORTS['markdown'](result))
+    cells = [
+        ''.join(child.content for child in token.children or () if child.type == 'text')
+        for before, token in pairwise(tokens)
+        if before.type in ('th_open', 'td_open')
+    ]
+    width = len(COLUMNS)
+    return [cells[k : k + width] for k in range(0, len(cells), width)]
+
+
+def described(schema: Any) -> Iterator[str]:
+    """Yield the names of all properties that a schema describes."""
+    if isinstance(schema, dict):
+        yield from schema.get('properties', {})
+        for part in schema.values():
+            yield from described(part)
+    elif isinstance(schema, list):
+        for part in schema:
+            yield from described(part)
+
+
+def keys(value: Any, name: str = '') -> Iterator[str]:
+    """Yield the names of all properties of a result, but those that are data: metrics, counts."""
+    if isinstance(value, dict):
+        for key, part in value.items():
+            if name not in ('metrics', 'dropped', 'baseline') or isinstance(part, float):
+                yield key
+            yield from keys(part, key)
+    elif isinstance(value, list):
+        for part in value:
+            yield from keys(part)
+
+
+def test_json_keeps_its_schema(result, hostile, validator):
+    for one in (result, hostile):
+        content = json.loads(SUITE_REPORTS['json'](one))
+        assert [error.message for error in validator.iter_errors(content)] == []
+
+
+def test_the_schema_describes_all_that_json_has(result):
+    content = json.loads(SUITE_REPORTS['json'](result))
+    known = {name for schema in SCHEMAS.values() for name in described(schema)}
+    metrics = set(content['sequences'][0]['metrics'])
+    assert set(keys(content)) - metrics - known == set()
+
+
+@pytest.mark.parametrize(
+    'harm',
+    [
+        lambda content: content.pop('notes'),
+        lambda content: content.update(schema='vio_eval_ros.suite/2'),
+        lambda content: content['sequences'][0]['runs'][0].pop('estimate'),
+        lambda content: content['sequences'][0]['runs'][0]['metrics'].update(a='1'),
+        lambda content: content['sequences'][0]['gates'][0].update(of='best'),
+        lambda content: content['sequences'][0]['baseline']['ate_trans_rmse_m'].pop('p_value'),
+    ],
+)
+def test_the_schema_would_notice(result, validator, harm: Callable):
+    content = json.loads(SUITE_REPORTS['json'](result))
+    harm(content)
+    assert not validator.is_valid(content)
+
+
+def test_the_result_of_replay_keeps_its_schema(lab):
+    lab.runs('a', 0.1)
+    (run,) = lab.score('a').sequences[0].runs
+    content = json.loads(REPORTS['json'](run.result))
+    assert Draft202012Validator(SCHEMAS['result-1.json']).is_valid(content)
+    content['alignment']['mode'] = 'affine'
+    assert not Draft202012Validator(SCHEMAS['result-1.json']).is_valid(content)
+
+
+def test_json_has_the_verdicts_and_their_reasons(result):
+    content = json.loads(SUITE_REPORTS['json'](result))
+    good, worse, new = content['sequences']
+    assert content['verdict'] == 'fail'
+    assert [one['verdict'] for one in content['sequences']] == ['pass', 'fail', 'fail']
+    assert good['band']['verdict'] == 'good'
+    assert good['tags'] == ['easy']
+    assert worse['baseline']['ate_trans_rmse_m']['worse'] is True
+    assert worse['baseline']['ate_trans_rmse_m']['relative_difference'] == pytest.approx(10 / 11)
+    assert (new['baseline'], new['band']) == (None, None)
+    assert [set(run) == {'estimate', 'error'} for run in new['runs']] == [False, True, False]
+    assert [run.get('success') for run in new['runs']] == [True, None, False]
+    assert new['metrics']['ate_trans_rmse_m']['n'] == 2
+    assert content['notes'] == ['new: not in the baseline', 'gone: in the baseline, not scored']
+
+
+def test_junit_has_what_jenkins_and_gitlab_take(result, hostile):
+    for one in (result, hostile):
+        root = ElementTree.fromstring(SUITE_REPORTS['junit'](one))
+        assert root.tag == 'testsuites'
+        for element in root.iter():
+            required, others, inside = JUNIT[element.tag]
+            assert required <= set(element.attrib) <= required | others, element.tag
+            assert {child.tag for child in element} <= inside
+            assert inside or not list(element)
+
+
+def test_junit_has_a_case_for_each_gate_and_comparison(result):
+    root = ElementTree.fromstring(SUITE_REPORTS['junit'](result))
+    cases = {
+        suite.get('name'): {
+            case.get('name'): case.find('failure') for case in suite.iter('testcase')
+        }
+        for suite in root
+    }
+    assert list(cases) == ['good', 'worse', 'new']
+    assert set(cases['good']) == {
+        'coverage_ratio>=0.9',
+        'ate_extent_ratio<=0.5',
+        'success_rate>=1',
+        'ate_trans_rmse_m against the baseline',
+    }
+    assert not any(failure is not None for failure in cases['good'].values())
+    failed = {name for name, failure in cases['worse'].items() if failure is not None}
+    assert failed == {'ate_trans_rmse_m against the baseline'}
+    assert 'ate_trans_rmse_m<=0.1 (warning)' in cases['worse']
+    failed = {name for name, failure in cases['new'].items() if failure is not None}
+    assert failed == {
+        'coverage_ratio>=0.9',
+        'success_rate>=1',
+        'ate_trans_rmse_m<=0.1',
+        'ate_trans_rmse_m<=0.2 of the worst run',
+    }
+    assert 'new/1.tum: ' in cases['new']['success_rate>=1'].get('message')
+    assert 'new/2.tum: no success, coverage_ratio is 0.39' in cases['new']['success_rate>=1'].text
+    assert (root.get('tests'), root.get('failures'), root.get('errors')) == ('15', '5', '0')
+
+
+def test_names_of_junit_cases_are_unique(result):
+    root = ElementTree.fromstring(SUITE_REPORTS['junit'](result))
+    names = [(case.get('classname'), case.get('name')) for case in root.iter('testcase')]
+    assert len(set(names)) == len(names)
+
+
+def test_markdown_has_a_row_for_each_sequence_worst_first(result):
+    head, *body = rows(result)
+    assert head == list(COLUMNS)
+    assert [row[0] for row in body] == ['worse', 'new', 'good']
+    cells = dict(zip(head, body[0], strict=True))
+    assert cells['runs'] == '3'
+    assert cells['ATE [m]'] == '0.21'
+    assert cells['baseline'] == '0.11'
+    assert cells['change'] == '+90.9 %'
+    assert cells['p'] == '0.05'
+    assert cells['verdict'] == 'FAIL'
+    assert dict(zip(head, body[2], strict=True))['band'] == 'good'
+    text = SUITE_REPORTS['markdown'](result)
+    assert '2 of 3 sequences failed' in text.splitlines()[0]
+    assert '- **new**: FAIL' in text
+    assert '- new: not in the baseline' in text
+
+
+def test_markdown_of_hostile_names_is_text(hostile):
+    text = SUITE_REPORTS['markdown'](hostile)
+    html = MarkdownIt('gfm-like', {'linkify': False}).render(text)
+    assert set(re.findall(r'<(\w+)', html)) <= {
+        'h3', 'table', 'thead', 'tbody', 'tr', 'th', 'td', 'ul', 'li', 'strong',
+    }  # fmt: skip
+    assert len(rows(hostile)) == 2
+    assert rows(hostile)[1][0].startswith('a<script>alert(1)</script>|`b`*c*&"')
+
+
+def test_the_terminal_has_the_table_and_the_reasons(result, hostile):
+    lines = suite_text(result).splitlines()
+    assert lines[0].split()[:3] == ['sequence', 'runs', 'ATE']
+    assert [line.split()[0] for line in lines[2:5]] == ['worse', 'new', 'good']
+    assert lines[-1] == 'FAIL: 2 of 3 sequences failed'
+    assert any('worse: FAIL ate_trans_rmse_m was 0.11 and is 0.21' in line for line in lines)
+    assert 'worse: warn ate_trans_rmse_m is 0.21, the gate is ate_trans_rmse_m<=0.1' in lines
+    assert 'note: gone: in the baseline, not scored' in lines
+    for line in suite_text(hostile).splitlines():
+        assert line.isprintable()
+    # the table, an empty line, three gates, two runs and the verdict
+    assert len(suite_text(hostile).splitlines()) == 3 + 1 + 3 + 2 + 1
+
+
+def test_a_warning_is_not_told_where_the_gate_beside_it_failed(lab):
+    lab.runs('a', 0.3)
+    result = lab.score('a, gates: {ate_trans_rmse_m: {max: 0.2, warn: 0.1}}')
+    assert 'warn' not in suite_text(result)
+
+
+def test_csv_has_every_number_of_every_run(result, hostile):
+    table = list(csv.DictReader(io.StringIO(SUITE_REPORTS['csv'](result))))
+    first = {row['metric']: row['value'] for row in table if row['estimate'] == 'good/0.tum'}
+    metrics = result.sequences[0].runs[0].result.summary.metrics
+    assert set(first) == set(metrics)
+    assert float(first['ate_trans_rmse_m']) == metrics['ate_trans_rmse_m']
+    assert first['kitti_trans_percent'] == ''
+    errors = [row for row in table if row['metric'] == 'error']
+    assert [row['estimate'] for row in errors] == ['new/1.tum']
+    table = list(csv.DictReader(io.StringIO(SUITE_REPORTS['csv'](hostile))))
+    assert [row['metric'] for row in table] == ['error', 'error']
+
+
+def test_latex_has_a_row_for_each_sequence_and_no_command_from_a_name(result, hostile):
+    lines = SUITE_REPORTS['latex'](result).splitlines()
+    body = lines[lines.index(r'\midrule') + 1 : lines.index(r'\bottomrule')]
+    assert [line.split('&')[0].strip() for line in body] == ['good', 'worse', 'new']
+    assert body[0].count('&') == 6
+    (row,) = [line for line in SUITE_REPORTS['latex'](hostile).splitlines() if 'script' in line]
+    commands = re.findall(r'\\[a-z]+|\\.', row.removesuffix(r'\\'))
+    assert set(commands) == {
+        r'\ensuremath', r'\textbackslash', r'\textasciitilde', r'\^',
+        r'\&', r'\_', r'\{', r'\}', r'\%', r'\$', r'\#',
+    }  # fmt: skip
+    assert not re.search(r'(?<!\\)[$%#_^~]', row)
+    assert len(re.findall(r'(?<!\\)&', row)) == 6
+
+
+@pytest.mark.parametrize('name', sorted(SUITE_REPORTS.keys() - {'html'}))
+def test_reports_of_the_same_input_are_the_same(lab, result, hostile, name):
+    report = SUITE_REPORTS[name]
+    assert report(result) == report(result)
+    again = lab.score('good', 'new')
+    assert report(again) == report(lab.score('good', 'new', jobs=1))
+    assert report(hostile).encode()
+    assert report(result).endswith('\n')

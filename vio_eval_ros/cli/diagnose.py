@@ -1,0 +1,280 @@
+"""Says why an estimate is bad: names the causes, with evidence, and what corrects them."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+import json
+import math
+from pathlib import Path
+import shlex
+from typing import Any
+
+import numpy as np
+
+from vio_eval_ros.cli.replay import _sources
+from vio_eval_ros.cli.shell import add_options, config_of, FAILED, Parser, PASSED, progress, run
+from vio_eval_ros.core.trajectory import clean, Cleaning, Trajectory
+from vio_eval_ros.diagnosis.diagnosis import Cause, diagnose, Diagnosis, NAMES
+from vio_eval_ros.diagnosis.gyroscope import compare, Comparison
+from vio_eval_ros.diagnosis.signals import lag_of_signals, SignalLag
+from vio_eval_ros.errors import ConfigError, ReadError
+from vio_eval_ros.recordings.imu import read_imu
+from vio_eval_ros.recordings.sources import Source, Spec
+from vio_eval_ros.recordings.text import read_text
+from vio_eval_ros.reports.text import number, percent, printable
+
+VERB = 'diagnose'
+EXAMPLES = """
+examples:
+  diagnose run.mcap
+  diagnose --estimate est.txt --ground-truth mav0 --apply
+  diagnose run.mcap --fail-on time_offset,scale --json
+  diagnose run.mcap --imu /imu0
+  diagnose --signals imu.csv camera.csv
+
+exit status: 0 diagnosed, 1 a cause named by --fail-on was found, 2 could not be done
+"""
+LISTED = 5
+SIDES = {'estimate': 'the estimate', 'ground_truth': 'the ground truth'}
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the verb; return its exit status."""
+    arguments = _parser().parse_args(argv)
+    return run(VERB, lambda: _run(arguments))
+
+
+def _parser() -> Parser:
+    parser = Parser(prog=VERB, description=__doc__, epilog=EXAMPLES)
+    parser.add_argument(
+        'recording',
+        nargs='?',
+        type=Path,
+        metavar='RECORDING',
+        help='ROS 1 .bag, rosbag2 folder, .db3 or .mcap',
+    )
+    parser.add_argument(
+        '--estimate',
+        metavar='SPEC',
+        help='/topic, /tf:PARENT.CHILD, a file, or RECORDING:/topic, as in replay '
+        '(default: the only one there is)',
+    )
+    parser.add_argument('--ground-truth', metavar='SPEC', help='the same for the ground truth')
+    parser.add_argument(
+        '--times', type=Path, metavar='FILE', help='the stamps [s] of KITTI pose files, one a line'
+    )
+    others = parser.add_argument_group('other comparisons')
+    others.add_argument(
+        '--imu',
+        metavar='SPEC',
+        help='also compare the estimate with a gyroscope: /topic of RECORDING, '
+        'RECORDING:/topic, or a CSV file',
+    )
+    others.add_argument(
+        '--signals',
+        nargs=2,
+        type=Path,
+        metavar='CSV',
+        help='only find the lag between two signals, files of time and value',
+    )
+    output = parser.add_argument_group('output')
+    output.add_argument(
+        '--json', action='store_true', help='print the diagnosis as JSON, and nothing else'
+    )
+    output.add_argument(
+        '--apply',
+        action='store_true',
+        help='evaluate with everything corrected, and show the errors before and after',
+    )
+    output.add_argument(
+        '--fail-on',
+        metavar='NAME,...',
+        default='',
+        help='exit with status 1 where one of these causes is found',
+    )
+    add_options(parser)
+    return parser
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    failing = [name for name in arguments.fail_on.split(',') if name]
+    for name in failing:
+        if name not in NAMES:
+            raise ConfigError(f"--fail-on: there is no cause '{name}'; {', '.join(NAMES)}")
+    if arguments.signals:
+        return _signals(arguments)
+    config = config_of(arguments)
+    estimate, truth = _sources(arguments)
+    poses = _cleaned(estimate)
+    diagnosis = diagnose(poses, _cleaned(truth), config)
+    gyroscope = _gyroscope(arguments, poses) if arguments.imu else None
+    if arguments.json:
+        found = diagnosis.to_dict()
+        if gyroscope is not None:
+            found['findings']['gyroscope'] = vars(gyroscope)
+        if arguments.apply:
+            found['findings']['errors'] = _errors(diagnosis)
+        print(json.dumps(found, indent=2, allow_nan=False))
+    else:
+        lines = _text(diagnosis, poses)
+        if arguments.apply:
+            lines += _before_and_after(diagnosis)
+        if gyroscope is not None:
+            lines += _gyroscope_text(gyroscope)
+        print('\n'.join(map(printable, lines)))
+    return FAILED if {cause.name for cause in diagnosis.causes} & set(failing) else PASSED
+
+
+def _cleaned(source: Source) -> Trajectory:
+    return clean(source.poses, Cleaning(), zero_stamps=source.zero_stamps)
+
+
+def _text(diagnosis: Diagnosis, estimate: Trajectory) -> list[str]:
+    """Return what is wrong, one paragraph a cause, and what could not be told."""
+    lines = [] if diagnosis.causes else ['nothing unusual']
+    for number_of, cause in enumerate(diagnosis.causes, 1):
+        if number_of > 1:
+            lines.append('')
+        lines += [
+            f'{number_of}. {cause.name}  (confidence {percent(cause.confidence)})',
+            f'   {SIDES[cause.side]}: {cause.evidence}.',
+        ]
+        if math.isfinite(cause.ate_before_m + cause.ate_after_m):
+            lines.append(
+                f'   ATE {number(cause.ate_before_m)} m as it is'
+                + (', with the causes above undone' if number_of > 1 else '')
+                + f'; {number(cause.ate_after_m)} m with this one undone.'
+            )
+        lines += _moments(cause, diagnosis, estimate)
+        lines.append(f'   {cause.advice}')
+        if cause.flags:
+            shown = shlex.join(cause.flags)
+            spec = f'behind the spec of {SIDES[cause.side]}'
+            where = spec if cause.flags[0].startswith('?') else 'replay'
+            lines.append(f'   {where}: {shown}')
+    if diagnosis.cannot_tell:
+        lines += ['', 'cannot tell, because the motion or the data do not show it: '
+                  + ', '.join(diagnosis.cannot_tell)]  # fmt: skip
+    return lines
+
+
+def _moments(cause: Cause, diagnosis: Diagnosis, estimate: Trajectory) -> list[str]:
+    """Return when it happened, in seconds of the estimate, of a cause that has moments."""
+    begin_ns = int(estimate.stamps_ns[0])
+
+    def at(stamp_ns: int) -> str:
+        return f'{stamp_ns / 1e9:.3f} ({(stamp_ns - begin_ns) / 1e9:.2f} s into the run)'
+
+    moments = []
+    if cause.name == 'jump':
+        moments = [
+            f'{at(jump["stamp_ns"])}: {jump["size_m"]:.2f} m'
+            for jump in diagnosis.findings['jumps']
+            if jump['harmful']
+        ]
+    elif cause.name == 'lost_tracking':
+        moments = [
+            f'{at(gap["begin_ns"])}: {gap["seconds"]:.1f} s' for gap in diagnosis.findings['gaps']
+        ]
+    more = [f'   and {len(moments) - LISTED} more'] if len(moments) > LISTED else []
+    return [f'   at {moment}' for moment in moments[:LISTED]] + more
+
+
+def _errors(diagnosis: Diagnosis) -> dict[str, dict[str, float | None]]:
+    """Return each error before and after, by its name."""
+    before, after = diagnosis.errors_before, diagnosis.errors_after
+    return {
+        name: {
+            'before': value if math.isfinite(value) else None,
+            'after': after[name] if math.isfinite(after.get(name, math.nan)) else None,
+        }
+        for name, value in before.items()
+    }
+
+
+def _before_and_after(diagnosis: Diagnosis) -> list[str]:
+    lines = ['', f'{"with all causes undone":<26}{"before":>10}{"after":>10}']
+    return lines + [
+        f'{name:<26}'
+        + ''.join(f'{number(math.nan if v is None else v):>10}' for v in values.values())
+        for name, values in _errors(diagnosis).items()
+    ]
+
+
+def _gyroscope(arguments: argparse.Namespace, estimate: Trajectory) -> Comparison:
+    """Return how the estimate goes with the gyroscope that was asked for."""
+    spec = Spec.parse(arguments.imu)
+    path = spec.path or arguments.recording
+    if path is None:
+        raise ReadError(
+            arguments.imu, 'a topic needs a RECORDING, given first or as RECORDING:/topic'
+        )
+    blocks: list[tuple[np.ndarray, np.ndarray]] = []
+    source = read_imu(
+        path, spec.topic, lambda stamps, samples: blocks.append((stamps, samples[:, :3])), progress
+    )
+    stamps_ns, rates = (np.concatenate(part) for part in zip(*blocks, strict=True))
+    if source.units.get('gyro') == 'deg/s':
+        rates = np.radians(rates)
+    return compare(estimate, stamps_ns, rates)
+
+
+def _gyroscope_text(found: Comparison) -> list[str]:
+    late = 'late' if found.offset_s > 0 else 'early'
+    quaternion = ' '.join(f'{value:.5f}' for value in found.turn_xyzw)
+    return [
+        '',
+        f'gyroscope     the stamps of the estimate are {1e3 * abs(found.offset_s):.2f} ± '
+        f'{1e3 * found.offset_uncertainty_s:.2f} ms {late} against it',
+        f'              its rotation in the tracked frame: {found.turn_deg:.2f} ± '
+        f'{found.turn_uncertainty_deg:.2f} deg, x y z w {quaternion}',
+        f'              its bias: {" ".join(f"{value:.4f}" for value in found.bias_rad_s)} rad/s',
+        f'              relative rotations differ by {percent(found.misfit)} of their size'
+        + ('; is this the gyroscope of that estimate?' if found.misfit > 0.5 else ''),
+    ]
+
+
+def _signals(arguments: argparse.Namespace) -> int:
+    """Print the lag between two signals."""
+    columns = [_signal(path) for path in arguments.signals]
+    start_ns = columns[1][0][0]
+    seconds = [(stamps_ns - start_ns) / 1e9 for stamps_ns, _ in columns]
+    found = lag_of_signals(seconds[0], columns[0][1], seconds[1], columns[1][1])
+    if arguments.json:
+        values: dict[str, Any] = {'schema': 'vio_eval_ros.signal_lag/1'}
+        for name, value in vars(found).items():
+            values[name] = value if math.isfinite(value) else None
+        print(json.dumps(values, indent=2, allow_nan=False))
+    else:
+        print('\n'.join(_signals_text(found, arguments.signals)))
+    return PASSED
+
+
+def _signals_text(found: SignalLag, paths: Sequence[Path]) -> list[str]:
+    late = 'late' if found.offset_s > 0 else 'early'
+    lines = [
+        f'the stamps of {paths[0]} are {1e3 * abs(found.offset_s):.2f} ± '
+        f'{1e3 * found.uncertainty_s:.2f} ms {late} against those of {paths[1]}',
+        f'correlation {number(found.peak)}, more than a second away at most '
+        f'{number(found.next_peak)}',
+    ]
+    if not found.peak > 0.6:
+        lines.append('the signals are hardly alike: do not rely on it')
+    return lines
+
+
+def _signal(path: Path) -> tuple[np.ndarray, np.ndarray]:
+    """Return stamps [ns], increasing, and values of a file of two columns."""
+    rows = read_text(path).rows
+    if rows.values.shape[1] < 2:
+        raise ReadError(path, 'a signal has two columns, time and value')
+    unit = next(
+        unit
+        for unit, limit in (('s', 1e11), ('ms', 1e14), ('us', 1e17), ('ns', math.inf))
+        if rows.largest_stamp < limit
+    )
+    stamps_ns, first = np.unique(rows.nanoseconds(path, unit), return_index=True)
+    values = rows.values[first, 1]
+    known = np.isfinite(values)
+    return stamps_ns[known], values[known]

@@ -1,0 +1,91 @@
+"""The lag at which two signals look most alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+MIN_OVERLAP = 0.3
+NEIGHBOURHOOD_S = 1.0
+
+
+@dataclass(frozen=True)
+class Peak:
+    """
+    The best of the lags of a normalised cross-correlation.
+
+    :param lag_s: how much later the first signal's stamps are than the second's, in seconds.
+    :param height: correlation coefficient there, -1 to 1.
+    :param rival: the highest one more than a second away; NaN where there is none.
+    """
+
+    lag_s: float
+    height: float
+    rival: float
+
+
+def correlate(
+    first: np.ndarray, second: np.ndarray, step_s: float, max_lag_s: float = math.inf
+) -> Peak:
+    """
+    Return where two signals, sampled at the same even times, agree best.
+
+    For every lag the coefficient is that of the samples that both have, so that neither the ends
+    nor gaps count as zeros; at least 30 % of the shorter signal must overlap.
+
+    :param first: (N,) samples, NaN where unknown.
+    :param second: (M,) samples that begin at the same time.
+    :param step_s: between samples.
+    """
+    size = 1 << (len(first) + len(second) - 1).bit_length()
+    known = [np.isfinite(signal) for signal in (first, second)]
+    if not all(part.any() for part in known):
+        return Peak(0.0, math.nan, math.nan)
+    # a constant taken out beforehand keeps the digits of the sums
+    a, b = (
+        np.where(part, signal - signal[part].mean(), 0.0)
+        for part, signal in zip(known, (first, second), strict=True)
+    )
+    ones, twos = (part.astype(float) for part in known)
+    spectra = {
+        name: np.fft.rfft(signal, size)
+        for name, signal in {
+            'a': a, 'aa': a * a, '1': ones, 'b': b, 'bb': b * b, '2': twos
+        }.items()
+    }  # fmt: skip
+
+    def sums(left: str, right: str) -> np.ndarray:
+        """Return the sum over all k of left[k + lag] right[k], for every lag."""
+        return np.fft.irfft(spectra[left] * np.conj(spectra[right]), size)
+
+    count = np.round(sums('1', '2'))
+    usable = count >= max(3, MIN_OVERLAP * min(part.sum() for part in known))
+    lags = np.arange(size)
+    lags[size - len(second) + 1 :] -= size
+    usable &= (np.abs(lags) * step_s <= max_lag_s) & (lags < len(first))
+    count = count.clip(min=1)
+    mean_a, mean_b = sums('a', '2') / count, sums('1', 'b') / count
+    spread = (sums('aa', '2') / count - mean_a**2) * (sums('1', 'bb') / count - mean_b**2)
+    alike = sums('a', 'b') / count - mean_a * mean_b
+    floor = 1e-12 * float(np.max(spread, initial=0.0))
+    height = np.where(
+        usable & (spread > floor), alike / np.sqrt(spread.clip(min=max(floor, 1e-300))), -np.inf
+    )
+    best = int(np.argmax(height))
+    if not math.isfinite(height[best]):
+        return Peak(0.0, math.nan, math.nan)
+    away = np.abs(lags - lags[best]) * step_s > NEIGHBOURHOOD_S
+    rival = float(height[away].max(initial=-np.inf))
+    return Peak(
+        (lags[best] + _vertex(*height[[best - 1, best, (best + 1) % size]])) * step_s,
+        float(height[best]),
+        rival if math.isfinite(rival) else math.nan,
+    )
+
+
+def _vertex(before: float, at: float, after: float) -> float:
+    """Return where the parabola through three samples one apart has its peak, from the middle."""
+    bend = before - 2 * at + after
+    return 0.5 * (before - after) / bend if math.isfinite(bend) and bend < 0 else 0.0

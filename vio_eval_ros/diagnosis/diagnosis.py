@@ -1,0 +1,303 @@
+"""
+The diagnosis: an estimate and its ground truth in, causes out. Start reading here.
+
+Everything is measured from what knows least of the other faults: clocks, conventions and the
+turn of the sensor from short relative rotations, then jumps and outliers from the positions, then
+what is left. A parameter becomes a cause where it is beyond what healthy runs show and where
+undoing it, with everything else undone, makes some error at least 5 % smaller.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+import math
+from typing import Any
+
+from vio_eval_ros.core.alignment import SCALED_MODES
+from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.trajectory import Trajectory
+from vio_eval_ros.diagnosis.advice import advice, evidence, flags
+from vio_eval_ros.diagnosis.conventions import Finding
+from vio_eval_ros.diagnosis.correction import Correction
+from vio_eval_ros.diagnosis.inputs import inputs_look_swapped, stands_still, truth_is_static
+from vio_eval_ros.diagnosis.measurements import measure, Measured, Measurement
+from vio_eval_ros.diagnosis.run import improvement, Run
+
+SCHEMA = 'vio_eval_ros.diagnosis/1'
+#: an error that is to be called better must become smaller by this share
+IMPROVEMENT = 0.05
+NAMES = (
+    *('truth_static', 'insufficient_motion', 'swapped_inputs'),
+    *('quaternion_conjugated', 'quaternion_order', 'pose_inverted', 'axes_swapped'),
+    *('time_offset', 'clock_drift', 'scale', 'scale_drift', 'sensor_rotation', 'lever_arm'),
+    *('gravity_tilt', 'yaw_drift', 'jump', 'outliers', 'lost_tracking', 'diverged'),
+)
+#: the errors that a cure must make smaller; of other causes, any of them. What turns the
+#: alignment a little turns the absolute rotation error with it, in one direction or the other.
+POSITIONS = r'ATE|RPE'
+ACTS_ON = {
+    'scale': 'ATE',
+    'scale_drift': POSITIONS,
+    'lever_arm': POSITIONS,
+    'jump': 'ATE',
+    'outliers': POSITIONS,
+    'diverged': POSITIONS,
+    'gravity_tilt': 'posyaw ATE',
+}
+#: of the whole run: while one of these is wrong, nothing else can be trusted
+FUNDAMENTAL = NAMES[:7]
+
+
+@dataclass(frozen=True)
+class Cause:
+    """
+    One thing that is wrong.
+
+    :param name: one of ``NAMES``.
+    :param confidence: 0 to 1, that its size is beyond what healthy runs show.
+    :param value: its size: what the estimate is wrong by, not what corrects it.
+    :param unit: of the value.
+    :param uncertainty: half the width of the 95 % interval of the value; NaN where it has none.
+    :param ate_before_m: the ATE with the causes before this one undone.
+    :param ate_after_m: the ATE with this one undone as well.
+    :param evidence: one sentence of numbers.
+    :param advice: one sentence on what to do.
+    :param flags: of ``replay``, that correct it; empty where only the estimator can. What begins
+        with a question mark goes behind the spec of the side.
+    :param side: ``estimate`` or ``ground_truth``, of which it is wrong.
+    """
+
+    name: str
+    confidence: float
+    value: float
+    unit: str
+    uncertainty: float
+    ate_before_m: float
+    ate_after_m: float
+    evidence: str
+    advice: str
+    flags: tuple[str, ...]
+    side: str = 'estimate'
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """
+    What is wrong with an estimate.
+
+    :param causes: the one that explains most first; empty where nothing is unusual.
+    :param cannot_tell: names of causes that this motion, or these data, cannot show.
+    :param findings: everything measured, by name, also where it is healthy.
+    :param corrected: the estimate with all causes undone, as far as that can be done afterwards.
+    :param errors_before: errors of the estimate against interpolated truth, by name.
+    :param errors_after: those of the corrected one.
+    """
+
+    causes: tuple[Cause, ...]
+    cannot_tell: tuple[str, ...]
+    findings: dict[str, Any]
+    corrected: Trajectory
+    errors_before: dict[str, float]
+    errors_after: dict[str, float]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return all but the trajectory as plain numbers, strings and lists."""
+        return {
+            'schema': SCHEMA,
+            'causes': [_finite(asdict(cause)) for cause in self.causes],
+            'cannot_tell': list(self.cannot_tell),
+            'findings': _finite(self.findings),
+        }
+
+
+def _finite(value: Any) -> Any:
+    """Return a value whose numbers are finite or None, for JSON."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def diagnose(estimate: Trajectory, truth: Trajectory, config: EvaluationConfig) -> Diagnosis:
+    """
+    Return what is wrong with an estimate.
+
+    :param config: options of the evaluation; its offset, frames and crop are applied first.
+    :raises NoPairs: where there are too few poses to tell anything.
+    """
+    run = Run(estimate, truth, config)
+    if stands_still(run.truth):
+        name = 'insufficient_motion' if stands_still(run.estimate) else 'truth_static'
+        return _without_motion(run, name)
+    if truth_is_static(run):
+        return _without_motion(run, 'truth_static')
+    measured = measure(run)
+    if measured.convention.of_truth:
+        return _with_truth_mended(run, measured.convention, estimate, truth)
+    named = _named(run, measured)
+    findings = {
+        one.name: {
+            'value': one.value,
+            'unit': one.unit,
+            'uncertainty': one.uncertainty,
+            'healthy': one.healthy,
+        }
+        for one in measured.parameters
+    } | measured.findings
+    causes = _causes(run, measured, named)
+    if inputs_look_swapped(run):
+        causes.append(_swapped(run))
+    correction = measured.correction.only([one.name for one in named])
+    return Diagnosis(
+        tuple(causes),
+        tuple(one.name for one in measured.parameters if not (one.told or one.unusual)),
+        findings,
+        correction.apply(run.estimate),
+        run.errors(Correction(run.middle_ns)),
+        run.errors(correction),
+    )
+
+
+@dataclass(frozen=True)
+class Named:
+    """A measurement that is a cause; undoing it takes an error from one value to another."""
+
+    measurement: Measurement
+    error: str = ''
+    before: float = math.nan
+    after: float = math.nan
+
+    @property
+    def name(self) -> str:
+        """Of the cause."""
+        return self.measurement.name
+
+    @property
+    def share(self) -> float:
+        """How much of the error it explains; of tracking, how much was lost."""
+        return 1 - self.after / self.before if self.error else self.measurement.value
+
+
+def _with_truth_mended(
+    run: Run, found: Finding, estimate: Trajectory, truth: Trajectory
+) -> Diagnosis:
+    """Return the diagnosis against the truth as it was meant, with its convention as a cause."""
+    meant = found.convention.undo(truth)
+    diagnosis = diagnose(estimate, meant, run.config)
+    nothing = Correction(run.middle_ns)
+    cause = Cause(
+        found.convention.name,
+        1.0,
+        1 - found.misfit / found.misfit_as_is,
+        'ratio',
+        math.nan,
+        run.ate_m(nothing),
+        Run(estimate, meant, run.config).ate_m(nothing),
+        evidence(found.convention.name, 0.0, 0.0),
+        advice(found.convention.name, found.convention.detail),
+        flags(found.convention.name, Correction(0, found.convention), run.config),
+        'ground_truth',
+    )
+    return replace(
+        diagnosis,
+        causes=(cause, *diagnosis.causes),
+        errors_before=run.errors(nothing),
+    )
+
+
+def _named(run: Run, measured: Measured) -> list[Named]:
+    """
+    Return the parameters that are causes.
+
+    From all suspects that one is cleared first without which the errors stay as they are, then
+    the next: two that look alike, such as a lever arm and an offset on a straight way, do not
+    clear each other.
+    """
+    unusual = [one for one in measured.parameters if one.unusual]
+    lost = [one for one in unusual if one.name == 'lost_tracking']
+    scaled = ['scale'] if run.config.alignment in SCALED_MODES else []
+    suspects = [one for one in unusual if one not in lost and one.name not in scaled]
+    named: list[Named] = []
+    while suspects:
+        correction = measured.correction.only([one.name for one in suspects])
+        after = run.errors(correction)
+        named = [
+            Named(one, *improvement(run.errors(correction.without(one.name)), after, acts_on))
+            for one in suspects
+            for acts_on in [ACTS_ON.get(one.name, '')]
+        ]
+        least = min(named, key=lambda one: one.share)
+        if least.share >= IMPROVEMENT:
+            break
+        named.remove(least)
+        suspects.remove(least.measurement)
+    named += [Named(one) for one in lost]
+    return sorted(named, key=lambda one: (one.name not in FUNDAMENTAL, -one.share))
+
+
+def _causes(run: Run, measured: Measured, named: list[Named]) -> list[Cause]:
+    causes = []
+    before_m = run.ate_m(Correction(run.middle_ns))
+    for k, one in enumerate(named):
+        parameter = one.measurement
+        after_m = run.ate_m(measured.correction.only([each.name for each in named[: k + 1]]))
+        causes.append(
+            Cause(
+                parameter.name,
+                parameter.confidence,
+                parameter.value,
+                parameter.unit,
+                parameter.uncertainty,
+                before_m,
+                after_m,
+                _evidence(one, measured),
+                advice(parameter.name, measured.convention.convention.detail)
+                if parameter.name in FUNDAMENTAL
+                else advice(parameter.name),
+                flags(parameter.name, measured.correction, run.config),
+            )
+        )
+        before_m = after_m
+    return causes
+
+
+def _evidence(one: Named, measured: Measured) -> str:
+    """Return the sentence of numbers that speaks for a cause."""
+    found = evidence(one.name, one.measurement.value, one.measurement.uncertainty)
+    if one.error:
+        error, _, unit = one.error.rstrip(']').partition(' [')
+        change = f'from {one.before:.3g} to {one.after:.3g} {unit}'
+        return f'{found}; undoing it takes the {error} {change}'
+    gaps = measured.findings['gaps']
+    longest = max(gap['seconds'] for gap in gaps)
+    return f'{found}, the longest interval is {longest:.1f} s'
+
+
+def _swapped(run: Run) -> Cause:
+    ate_m = run.ate_m(Correction(run.middle_ns))
+    return Cause(
+        'swapped_inputs',
+        0.7,
+        math.nan,
+        '',
+        math.nan,
+        ate_m,
+        ate_m,
+        'it begins away from its origin and has a higher rate than the ground truth, which begins '
+        'at the origin, as an estimate does',
+        advice('swapped_inputs'),
+        (),
+    )
+
+
+def _without_motion(run: Run, name: str) -> Diagnosis:
+    ate_m = run.ate_m(Correction(run.middle_ns))
+    evidence = {
+        'truth_static': 'it moves, while the ground truth stays where it is',
+        'insufficient_motion': 'it does not move, nor does the ground truth',
+    }[name]
+    cause = Cause(name, 1.0, math.nan, '', math.nan, ate_m, math.nan, evidence, advice(name), ())
+    others = tuple(other for other in NAMES if other not in FUNDAMENTAL[:2])
+    errors = run.errors(Correction(run.middle_ns))
+    return Diagnosis((cause,), others, {}, run.estimate, errors, errors)

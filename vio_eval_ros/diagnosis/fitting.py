@@ -1,0 +1,148 @@
+"""Fits that a few wild values cannot bend, and that know how uncertain they are."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from vio_eval_ros.core import rotation
+from vio_eval_ros.core.association import nearest
+from vio_eval_ros.core.rotation import lengths
+
+ITERATIONS = 12
+BLOCKS = 12
+# of Student's distribution with as many blocks less one, two-sided
+T_95 = 2.2
+TINY = 1e-12
+# a noise before any is known: so little that the prior does not matter
+UNKNOWN = 1e-8
+
+
+def horizon(stamps_ns: np.ndarray, seconds: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return (M,), (M,) indices of samples that are so far apart, to a quarter."""
+    target = stamps_ns + round(seconds * 1e9)
+    end = nearest(target, stamps_ns)
+    begin = np.arange(len(stamps_ns))
+    near = np.abs(stamps_ns[end] - target) < 0.25e9 * seconds
+    usable = near & (end > begin)
+    return begin[usable], end[usable]
+
+
+def robust_weights(residuals: np.ndarray) -> np.ndarray:
+    """Return (M,) weights of residual vectors (M, D), by Geman and McClure about their median."""
+    size = lengths(residuals)
+    spread = float(np.median(size)) / 1.5 + TINY if len(size) else 1.0
+    return np.asarray(1 / (1 + (size / (2 * spread)) ** 2) ** 2)
+
+
+def similarity(
+    source: np.ndarray, target: np.ndarray, weights: np.ndarray, scaled: bool, parity: int = 1
+) -> tuple[np.ndarray, float]:
+    """
+    Return the (3, 3) R and the s that minimise Σ w |s R source - target|².
+
+    :param parity: 1 for a rotation, -1 for a rotation with a reflection.
+    """
+    u, d, vt = np.linalg.svd((target * weights[:, None]).T @ source)
+    signs = np.array([1.0, 1.0, parity * np.sign(np.linalg.det(u) * np.linalg.det(vt))])
+    own = float(np.sum(weights[:, None] * source**2))
+    scale = float(d @ signs) / own if scaled and own > 0 else 1.0
+    return (u * signs) @ vt, scale
+
+
+def robust_similarity(
+    source: np.ndarray, target: np.ndarray, scaled: bool, parity: int = 1
+) -> tuple[np.ndarray, float, float]:
+    """Return R, s and the median of what is left, over the median length of the target."""
+    weights = np.ones(len(source))
+    turn, scale = np.eye(3), 1.0
+    for _ in range(ITERATIONS):
+        turn, scale = similarity(source, target, weights, scaled, parity)
+        rest = scale * source @ turn.T - target
+        weights = robust_weights(rest)
+    usual = float(np.median(lengths(target))) if len(target) else 0.0
+    return turn, scale, float(np.median(lengths(rest))) / (usual + TINY) if len(target) else np.nan
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """
+    The solution of a robust linear least-squares problem.
+
+    :param values: (P,) parameters.
+    :param covariance: (P, P) of them.
+    :param weights: (M,) in the end.
+    :param residuals: (M, D) in the end.
+    """
+
+    values: np.ndarray
+    covariance: np.ndarray
+    weights: np.ndarray
+    residuals: np.ndarray
+
+    def uncertainty(self, index: int) -> float:
+        """Return half the width of the 95 % interval of a parameter."""
+        return T_95 * float(np.sqrt(self.covariance[index, index]))
+
+
+def least_squares(
+    design: np.ndarray, target: np.ndarray, prior: np.ndarray, weights: np.ndarray | None = None
+) -> Fit:
+    """
+    Return the robust solution x of design x = target.
+
+    Neighbouring rows err alike, so the covariance is taken from how much blocks of rows, one
+    behind the other in time, disagree (the sandwich estimator, clustered). A direction that no
+    row speaks of keeps the uncertainty of the prior.
+
+    :param design: (M, D, P).
+    :param target: (M, D).
+    :param prior: (P,) standard deviations beyond which no value is expected, about zero.
+    :param weights: (M,) fixed weights; else they follow from the residuals.
+    """
+    iterate = weights is None
+    weights = np.ones(len(target)) if weights is None else weights
+    noise = UNKNOWN
+    for _ in range(ITERATIONS if iterate else 1):
+        weighted = design * weights[:, None, None]
+        normal = np.einsum('mdp,mdq->pq', weighted, design)
+        information = normal + noise * np.diag(prior**-2)
+        values = np.linalg.solve(information, np.einsum('mdp,md->p', weighted, target))
+        residuals = design @ values - target
+        if iterate:
+            weights = robust_weights(residuals)
+        noise = _noise(residuals, weights)
+    inverse = np.linalg.inv(normal + noise * np.diag(prior**-2))
+    pulls = np.array(
+        [
+            np.einsum('mdp,md->p', weighted[rows], residuals[rows])
+            for rows in np.array_split(np.arange(len(target)), BLOCKS)
+        ]
+    )
+    spread = BLOCKS / (BLOCKS - 1) * pulls.T @ pulls
+    covariance = inverse @ spread @ inverse + noise * inverse
+    return Fit(values, covariance, weights, residuals)
+
+
+def _noise(residuals: np.ndarray, weights: np.ndarray) -> float:
+    """Return the variance of a residual, with a floor that keeps the arithmetic finite."""
+    total = float(weights.sum())
+    return float(np.sum(weights[:, None] * residuals**2)) / max(total, TINY) + TINY
+
+
+def mean_rotation(rotations: np.ndarray) -> np.ndarray:
+    """Return the (4,) robust mean of (N, 4) quaternions."""
+    weights = np.ones(len(rotations))
+    for _ in range(ITERATIONS):
+        moments = (rotations * weights[:, None]).T @ rotations
+        mean = np.linalg.eigh(moments)[1][:, -1]
+        weights = robust_weights(rotation.angle_between(rotations, mean)[:, None])
+    return np.asarray(mean)
+
+
+def relative_turns(rotations: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Return the (M, 3) rotation vectors from pose to pose, in the body's frame."""
+    return rotation.to_rotation_vector(
+        rotation.multiply(rotation.conjugate(rotations[begin]), rotations[end])
+    )

@@ -1,0 +1,180 @@
+"""Scale, lever arm, tilt and drift of an estimate whose stamps and conventions are right."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from vio_eval_ros.core import rotation
+from vio_eval_ros.core.alignment import Moments, solve
+from vio_eval_ros.core.trajectory import Pairs
+from vio_eval_ros.diagnosis.fitting import (
+    BLOCKS,
+    Fit,
+    horizon,
+    least_squares,
+    mean_rotation,
+    T_95,
+)
+
+HORIZON_S = 0.5
+UP = np.array([0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, eq=False)
+class Estimated:
+    """A parameter, and half the width of its 95 % interval; infinite where nothing tells it."""
+
+    value: float
+    uncertainty: float
+
+    @classmethod
+    def unknown(cls) -> Estimated:
+        """Return the parameter that cannot be told."""
+        return cls(0.0, math.inf)
+
+
+@dataclass(frozen=True, eq=False)
+class Body:
+    """
+    What short relative motions tell.
+
+    :param lever: (3,) metres of the estimate, the position of the body in the tracked frame.
+    :param lever_length: its length.
+    :param scale_drift: by how much more of itself the scale grows, per second.
+    """
+
+    lever: np.ndarray
+    lever_length: Estimated
+    scale_drift: Estimated
+
+
+def fit_body(pairs: Pairs, turn: np.ndarray) -> Body:
+    """
+    Return lever arm and scale drift, from displacements over half a second in the body's frame.
+
+    There R_eᵀ Δe = s u - (R_ij - I) l, with u the true displacement in the tracked frame, R_ij
+    its relative rotation and l the lever arm: linear in both, without world, yaw drift or
+    gravity. It is solved together with a scale that changes evenly over the run.
+
+    :param turn: (4,) rotation of the body in the tracked frame.
+    """
+    nothing = Body(np.zeros(3), Estimated.unknown(), Estimated.unknown())
+    estimate, truth = pairs.estimate, pairs.ground_truth
+    if estimate.rotations is None or truth.rotations is None or len(pairs) < 2:
+        return nothing
+    stamps_ns = estimate.stamps_ns
+    interval_s = float(np.median(np.diff(stamps_ns))) / 1e9
+    begin, end = horizon(stamps_ns, max(HORIZON_S, interval_s))
+    if len(begin) < 2 * BLOCKS:
+        return nothing
+    back = rotation.conjugate(estimate.rotations[begin])
+    moved = rotation.rotate(back, estimate.positions[end] - estimate.positions[begin])
+    turned = rotation.to_matrix(rotation.multiply(back, estimate.rotations[end])) - np.eye(3)
+    to_tracked = rotation.multiply(turn, rotation.conjugate(truth.rotations[begin]))
+    truly = rotation.rotate(to_tracked, truth.positions[end] - truth.positions[begin])
+    middle_ns, half_s = (stamps_ns[0] + stamps_ns[-1]) / 2, np.ptp(stamps_ns) / 2e9
+    elapsed = ((stamps_ns[begin] + stamps_ns[end]) / 2 - middle_ns) / 1e9 / half_s
+    design = np.concatenate(
+        [truly[..., None], (truly * elapsed[:, None])[..., None], -turned], axis=-1
+    )
+    fit = least_squares(design, moved, np.array([100.0, 100.0, 1.0, 1.0, 1.0]))
+    scale, lever = float(fit.values[0]), fit.values[2:]
+    relative = abs(scale) * half_s
+    drift = Estimated(float(fit.values[1]) / relative, fit.uncertainty(1) / relative)
+    return Body(lever, Estimated(float(np.linalg.norm(lever)), _worst(fit, slice(2, 5))), drift)
+
+
+def _worst(fit: Fit, rows: slice) -> float:
+    """Return half the 95 % interval of some parameters along their worst direction."""
+    largest = float(np.linalg.eigvalsh(fit.covariance[rows, rows])[-1])
+    return T_95 * math.sqrt(max(largest, 0.0))
+
+
+def fit_scale(pairs: Pairs) -> Estimated:
+    """
+    Return estimated over true length under the similarity that aligns all positions best.
+
+    How uncertain it is, the run without each of its parts in turn tells (the jackknife).
+    """
+    if len(pairs) < 2 * BLOCKS:
+        return Estimated.unknown()
+    parts = [Moments.of(pairs[rows]) for rows in np.array_split(np.arange(len(pairs)), BLOCKS)]
+    scales = []
+    for left_out in [None, *range(BLOCKS)]:
+        moments = Moments.empty()
+        for k, part in enumerate(parts):
+            if k != left_out:
+                moments = moments.merge(part)
+        aligned = solve('sim3', moments, pairs[:1])
+        scales.append(math.log(aligned.scale) if aligned.scale > 0 else math.nan)
+    if not np.isfinite(scales).all():
+        return Estimated.unknown()
+    spread = math.sqrt((BLOCKS - 1) * float(np.var(scales[1:])))
+    return Estimated(math.exp(-scales[0]), math.exp(-scales[0]) * T_95 * spread)
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """
+    What the orientations tell of the estimate's world.
+
+    :param level: (4,) the rotation that makes the estimate's world upright.
+    :param tilt_rad: its angle.
+    :param yaw_drift: rad/s by which the estimated heading runs away.
+    """
+
+    level: np.ndarray
+    tilt_rad: Estimated
+    yaw_drift: Estimated
+
+
+def fit_world(pairs: Pairs) -> World:
+    """
+    Return tilt and yaw drift of the estimate's world against that of the truth.
+
+    By orientations where both sides have them: each pose tells its A = R_g R_eᵀ. Otherwise the
+    tilt is that of the alignment of the positions, and the yaw drift is unknown.
+    """
+    if pairs.turns is None or len(pairs) < 2 * BLOCKS:
+        return _world_of_positions(pairs)
+    mean = mean_rotation(pairs.turns)
+    errors = rotation.to_rotation_vector(rotation.multiply(pairs.turns, rotation.conjugate(mean)))
+    stamps_ns = pairs.estimate.stamps_ns
+    seconds = (stamps_ns - (stamps_ns[0] + stamps_ns[-1]) / 2) / 1e9
+    half_s = float(np.ptp(seconds)) / 2
+    design = np.stack([np.ones(len(seconds)), seconds / half_s], axis=-1)[:, None]
+    yaw = least_squares(design, errors[:, 2:], np.array([1.0, 10.0]))
+    level, tilt = _levelling(mean)
+    tips = np.array([rows.mean(axis=0) for rows in np.array_split(errors[:, :2], BLOCKS)])
+    spread = math.sqrt(float(np.var(tips, axis=0).sum()) / (BLOCKS - 1))
+    return World(
+        level,
+        Estimated(tilt, T_95 * spread),
+        Estimated(-float(yaw.values[1]) / half_s, yaw.uncertainty(1) / half_s),
+    )
+
+
+def _world_of_positions(pairs: Pairs) -> World:
+    moments = Moments.of(pairs)
+    aligned = solve('sim3', moments, pairs[:1])
+    if not aligned.observable:
+        return World(np.array([0.0, 0.0, 0.0, 1.0]), Estimated.unknown(), Estimated.unknown())
+    level, tilt = _levelling(aligned.rotation)
+    # what is left of the positions, over the lever at which it turns them least
+    flat = np.sqrt(np.linalg.eigvalsh(moments.truth_scatter / moments.count).clip(min=1e-12))
+    left = math.sqrt(aligned.mean_square(moments))
+    return World(level, Estimated(tilt, float(left / flat[1])), Estimated.unknown())
+
+
+def _levelling(world: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the smallest rotation that makes a world upright, given its (4,) orientation."""
+    up = rotation.rotate(rotation.conjugate(world), UP)
+    axis = np.cross(up, UP)
+    sine, cosine = float(np.linalg.norm(axis)), float(up @ UP)
+    angle = math.atan2(sine, cosine)
+    if sine < 1e-12:
+        axis, sine = np.array([1.0, 0.0, 0.0]), 1.0
+    return rotation.from_rotation_vector(axis / sine * angle), angle

@@ -1,0 +1,105 @@
+"""The true pose at any stamp."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vio_eval_ros.core import rotation
+from vio_eval_ros.core.association import nanoseconds
+from vio_eval_ros.core.trajectory import Trajectory
+
+DENSE_S = 0.011
+
+
+class Interpolator:
+    """
+    Poses between those of a trajectory, which is first made dense where it is not.
+
+    Between samples 5 ms apart a straight line is as good as any curve. Between samples 50 or
+    100 ms apart it cuts the corners of a flight by more than a time offset of milliseconds
+    moves it: such a trajectory gets samples in between from cubic Hermite curves, through its
+    positions and through its rotations as rotation vectors about the sample before.
+
+    :param trajectory: at least two poses.
+    :param max_gap_s: over longer intervals nothing is interpolated.
+    """
+
+    def __init__(self, trajectory: Trajectory, max_gap_s: float) -> None:
+        intervals = np.diff(trajectory.stamps_ns)
+        self._gap_ns = nanoseconds(max_gap_s)
+        #: between the samples there were
+        self.interval_s = float(np.median(intervals)) / 1e9
+        self._pieces = pieces = max(int(np.ceil(self.interval_s / DENSE_S)), 1)
+        self._poses = trajectory if pieces < 2 else _refined(trajectory, pieces)
+        #: whether the interval behind each sample is too long to be interpolated over
+        self._broken = np.repeat(intervals > self._gap_ns, pieces)
+
+    def inside(self, stamps_ns: np.ndarray) -> np.ndarray:
+        """Return whether each stamp lies between two samples that are near enough."""
+        known = self._poses.stamps_ns
+        before = np.searchsorted(known, stamps_ns, side='right') - 1
+        within = (before >= 0) & (stamps_ns <= known[-1])
+        before = before.clip(0, len(known) - 2)
+        sampled = (known[before] == stamps_ns) & (before % self._pieces == 0)
+        sampled |= stamps_ns == known[-1]
+        return np.asarray(within & (sampled | ~self._broken[before]))
+
+    def at(self, stamps_ns: np.ndarray) -> Trajectory:
+        """Return the poses at these stamps; outside the trajectory, those of its ends."""
+        known = self._poses.stamps_ns
+        stamps_ns = np.asarray(stamps_ns).clip(known[0], known[-1])
+        before = (np.searchsorted(known, stamps_ns, side='right') - 1).clip(0, len(known) - 2)
+        weight = (stamps_ns - known[before]) / (known[before + 1] - known[before])
+        begin, end = self._poses[before], self._poses[before + 1]
+        rotations = None
+        if begin.rotations is not None and end.rotations is not None:
+            rotations = rotation.slerp(begin.rotations, end.rotations, weight)
+        step = end.positions - begin.positions
+        return Trajectory(stamps_ns, begin.positions + weight[:, None] * step, rotations)
+
+
+def _refined(poses: Trajectory, pieces: int) -> Trajectory:
+    """Return the trajectory with every interval cut into as many pieces."""
+    seconds = (poses.stamps_ns - poses.stamps_ns[0]) / 1e9
+    length = np.diff(seconds)[:, None]
+    weight = (np.arange(pieces) / pieces)[None, :, None]
+    stamps_ns = poses.stamps_ns[:-1, None] + np.round(
+        weight[..., 0] * np.diff(poses.stamps_ns)[:, None]
+    ).astype(np.int64)
+    steps = np.diff(poses.positions, axis=0)
+    slopes = _slopes(steps / length, length)
+    offsets = _hermite(steps, slopes[:-1] * length, slopes[1:] * length, weight)
+    positions = (poses.positions[:-1, None] + offsets).reshape(-1, 3)
+    rotations = None
+    if poses.rotations is not None:
+        q = poses.rotations
+        # body rates are the same vector seen from both ends of a small turn
+        turns = rotation.to_rotation_vector(rotation.multiply(rotation.conjugate(q[:-1]), q[1:]))
+        rates = _slopes(turns / length, length)
+        curves = _hermite(turns, rates[:-1] * length, rates[1:] * length, weight)
+        fine = rotation.multiply(q[:-1, None], rotation.from_rotation_vector(curves))
+        rotations = np.concatenate([fine.reshape(-1, 4), q[-1:]])
+    return Trajectory(
+        np.append(stamps_ns.ravel(), poses.stamps_ns[-1]),
+        np.concatenate([positions, poses.positions[-1:]]),
+        rotations,
+    )
+
+
+def _slopes(rates: np.ndarray, length: np.ndarray) -> np.ndarray:
+    """Return the (N, 3) slopes at N samples of a parabola through each and its neighbours."""
+    inner = (rates[:-1] * length[1:] + rates[1:] * length[:-1]) / (length[:-1] + length[1:])
+    return np.concatenate([rates[:1], inner, rates[-1:]])
+
+
+def _hermite(
+    step: np.ndarray, begin: np.ndarray, end: np.ndarray, weight: np.ndarray
+) -> np.ndarray:
+    """Return (N, W, 3) points of N cubics from 0 to (N, 3) ``step`` with these end slopes."""
+    step, begin, end = step[:, None], begin[:, None], end[:, None]
+    square, cube = weight**2, weight**3
+    return np.asarray(
+        (3 * square - 2 * cube) * step
+        + (cube - 2 * square + weight) * begin
+        + (cube - square) * end
+    )

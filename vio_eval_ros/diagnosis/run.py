@@ -1,0 +1,159 @@
+"""One run to be diagnosed: its poses side by side, and its errors under a correction."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+import math
+import re
+
+import numpy as np
+
+from vio_eval_ros.core.alignment import Moments, solve
+from vio_eval_ros.core.association import Associator
+from vio_eval_ros.core.config import Delta, EvaluationConfig
+from vio_eval_ros.core.evaluation import Evaluation
+from vio_eval_ros.core.metrics import (
+    candidates,
+    position_errors,
+    progress_along,
+    relative_errors,
+    rotation_errors,
+)
+from vio_eval_ros.core.statistics import root_mean_square
+from vio_eval_ros.core.trajectory import Pairs, Trajectory
+from vio_eval_ros.diagnosis.correction import Correction
+from vio_eval_ros.diagnosis.interpolation import Interpolator
+from vio_eval_ros.errors import NoPairs
+
+FEWEST_POSES = 20
+LEAST_ERROR = 1e-6
+FAR = 10  # durations of nearly all of a run
+
+
+class Run:
+    """
+    An estimate and its truth as the options have them: shifted, moved to the body, cropped.
+
+    :raises NoPairs: where one side has too few poses to tell anything.
+    """
+
+    def __init__(self, estimate: Trajectory, truth: Trajectory, config: EvaluationConfig) -> None:
+        self.config = config
+        streams = Associator(config)
+        streams.add_ground_truth(truth)
+        streams.add_estimate(estimate)
+        received = {
+            'estimate': streams.estimate.waiting,
+            'ground_truth': streams.ground_truth.waiting,
+        }
+        sides = {name: _honest(_together(poses)) for name, poses in received.items()}
+        self.estimate, self.truth = sides.values()
+        #: how many poses of each side have stamps far from all others, and are left out
+        self.stray = {name: len(received[name]) - len(poses) for name, poses in sides.items()}
+        if len(self.truth) and (config.start_s or math.isfinite(config.end_s)):
+            elapsed_s = (self.truth.stamps_ns - self.truth.stamps_ns[0]) / 1e9
+            kept = (elapsed_s >= config.start_s) & (elapsed_s <= config.end_s)
+            self.truth = self.truth[kept]
+        for name, side in (('estimate', self.estimate), ('ground truth', self.truth)):
+            if len(side) < FEWEST_POSES:
+                raise NoPairs(
+                    f'the {name} has {len(side)} usable poses; a diagnosis needs at least '
+                    f'{FEWEST_POSES}'
+                )
+        self.turning = self.estimate.rotations is not None and self.truth.rotations is not None
+        stamps_ns = self.estimate.stamps_ns
+        self.middle_ns = int(stamps_ns[0] + stamps_ns[-1]) // 2
+        self.half_s = float(stamps_ns[-1] - stamps_ns[0]) / 2e9
+
+    @cached_property
+    def gap_s(self) -> float:
+        """Over longer intervals the truth is not interpolated."""
+        return max(
+            self.config.max_gap_s, 3 * float(np.median(np.diff(self.truth.stamps_ns))) / 1e9
+        )
+
+    @cached_property
+    def true_poses(self) -> Interpolator:
+        """The truth at any stamp."""
+        return Interpolator(self.truth, self.gap_s)
+
+    def pairs(self, correction: Correction) -> Pairs:
+        """Return the corrected estimate with the true pose at every stamp that has one."""
+        corrected = correction.apply(self.estimate)
+        corrected = corrected[self.true_poses.inside(corrected.stamps_ns)]
+        return Pairs.of(corrected, self.true_poses.at(corrected.stamps_ns))
+
+    def errors(self, correction: Correction) -> dict[str, float]:
+        """Return the root mean square of every kind of error that a cure may make smaller."""
+        pairs = self.pairs(correction)
+        if len(pairs) < FEWEST_POSES:
+            return {}
+        moments = Moments.of(pairs)
+        aligned, upright = (solve(mode, moments, pairs[:1]) for mode in ('se3', 'posyaw'))
+        errors = {
+            'ATE [m]': position_errors(pairs, aligned),
+            'posyaw ATE [m]': position_errors(pairs, upright),
+            'rotation ATE [deg]': rotation_errors(pairs, aligned),
+        }
+        for delta in (Delta(1, 'f'), Delta(1, 's')):
+            apart = candidates(progress_along(pairs, delta.unit), delta, 'all')
+            begin, end = apart.begin[apart.usable], apart.end[apart.usable]
+            pose, turn, displacement, _ = relative_errors(pairs, begin, end, aligned)
+            errors[f'RPE {delta} [m]'] = displacement if pairs.turns is None else pose
+            errors[f'rotation RPE {delta} [deg]'] = turn
+        return {name: root_mean_square(each) for name, each in errors.items()}
+
+    def ate_m(self, correction: Correction) -> float:
+        """Return the ATE of the corrected estimate as ``replay`` gives it; NaN without pairs."""
+        # offset, frames and crop have been applied
+        config = EvaluationConfig(
+            association=self.config.association,
+            max_difference_s=self.config.max_difference_s,
+            max_gap_s=self.config.max_gap_s,
+            alignment=self.config.alignment,
+            align_first_s=self.config.align_first_s,
+            rpe_deltas=(),
+        )
+        evaluation = Evaluation(config)
+        evaluation.add_ground_truth(self.truth)
+        evaluation.add_estimate(correction.apply(self.estimate))
+        evaluation.flush()
+        return evaluation.running()['ate_trans_rmse_m']
+
+
+def _together(poses: Trajectory) -> Trajectory:
+    """Return the poses without those whose stamps are far from nearly all, such as zero."""
+    if len(poses) < FEWEST_POSES:
+        return poses
+    early, late = poses.stamps_ns[[len(poses) // 20, -1 - len(poses) // 20]]
+    reach = FAR * (late - early)
+    near = (poses.stamps_ns > early - reach) & (poses.stamps_ns < late + reach)
+    return poses if near.all() else poses[near]
+
+
+def _honest(poses: Trajectory) -> Trajectory:
+    """Return the poses without rotations where these are a constant that stands for none."""
+    constant = poses.rotations is not None and not np.ptp(poses.rotations, axis=0).any()
+    return replace(poses, rotations=None) if constant else poses
+
+
+def improvement(
+    before: dict[str, float], after: dict[str, float], kinds: str = ''
+) -> tuple[str, float, float]:
+    """
+    Return the error that becomes smaller by the largest share, and what it was and is.
+
+    :param kinds: a regular expression that the beginnings of the errors' names must match.
+    """
+    if after and not before:
+        return 'share of poses without a partner [ratio]', 1.0, 0.0
+    known = [
+        name
+        for name in before
+        if re.match(kinds, name)
+        and before[name] > LEAST_ERROR
+        and math.isfinite(after.get(name, math.nan))
+    ]
+    best = min(known, key=lambda name: after[name] / before[name], default='')
+    return (best, before[best], after[best]) if best else ('no error', 1.0, 1.0)

@@ -1,0 +1,1 @@
+"""How noisy an inertial sensor is, from a record of it at rest."""

@@ -1,0 +1,193 @@
+"""What a record of an IMU at rest says of its noise, and whether it was at rest."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from vio_eval_ros.imu.allan import allan_curve, Curve
+from vio_eval_ros.imu.fit import Fit, fit_noise
+from vio_eval_ros.imu.record import AXES, Signal
+
+#: What samples may be in, and how large one is in rad/s or m/s².
+UNITS = {
+    'gyro': {'rad/s': 1.0, 'deg/s': np.pi / 180},
+    'accel': {'m/s2': 1.0, 'g': 9.80665},
+}
+# As rad/s no gyroscope is as noisy as this; as deg/s, those in use are noisier, but for the best.
+NOISY_AT_1_S = 1.5e-3
+MOVING = 4.0  # times the usual scatter within a second
+FASTEST_BIAS = 0.2  # rad/s
+GRAVITY, GRAVITY_ERROR = 9.81, 0.5  # m/s²
+MANY = 0.01
+
+
+class Unit(NamedTuple):
+    """What samples are in, and how that is known: stated, by magnitude, or by default."""
+
+    name: str
+    known: str
+
+
+@dataclass(frozen=True, eq=False)
+class Axis:
+    """
+    One axis, in rad/s or m/s².
+
+    :param mean: of all samples: the bias, with gravity.
+    """
+
+    mean: float
+    curve: Curve
+    fit: Fit
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """
+    The noise of an IMU.
+
+    :param source: where the samples are from.
+    :param signal: those samples.
+    :param units: of 'gyro' and 'accel', as recorded.
+    :param axes: each axis of ``AXES``.
+    :param warnings: what makes the figures doubtful.
+    """
+
+    source: str
+    signal: Signal
+    units: dict[str, Unit]
+    axes: dict[str, Axis]
+    warnings: list[str]
+
+
+def analyse(source: str, signal: Signal, stated: dict[str, str]) -> Analysis:
+    """
+    Return the noise of a signal.
+
+    :param source: what to call it.
+    :param stated: the unit of 'gyro' and of 'accel', where it is known.
+    """
+    means, curves, scatter = [], [], []
+    for index in range(len(AXES)):
+        segments = list(signal.axis(index))
+        means.append(
+            float(np.average([s.mean() for s in segments], weights=list(map(len, segments))))
+        )
+        curves.append(allan_curve(segments, signal.rate_hz))
+        scatter.append(_scatter(segments, signal.rate_hz))
+    units = {
+        'gyro': _unit('gyro', stated, 'deg/s', _is_in_degrees(curves[:3])),
+        'accel': _unit('accel', stated, 'g', abs(float(np.linalg.norm(means[3:])) - 1) < 0.2),
+    }
+    axes = {}
+    for name, mean, curve in zip(AXES, means, curves, strict=True):
+        kind = name.partition('_')[0]
+        size = UNITS[kind][units[kind].name]
+        scaled = replace(curve, deviations=curve.deviations * size)
+        axes[name] = Axis(mean * size, scaled, fit_noise(scaled))
+    warnings = [
+        f'the {kind} is taken to be in {unit.name}, after its magnitude; if it is not, say so '
+        f'with --{kind}-unit'
+        for kind, unit in units.items()
+        if unit.known == 'by magnitude'
+    ]
+    warnings += [*_of_record(signal), *_of_rest(axes, np.array(scatter)), *_of_fits(axes)]
+    return Analysis(source, signal, units, axes, warnings)
+
+
+def _unit(kind: str, stated: dict[str, str], other: str, is_other: bool) -> Unit:
+    if kind in stated:
+        return Unit(stated[kind], 'stated')
+    return Unit(other, 'by magnitude') if is_other else Unit(next(iter(UNITS[kind])), 'by default')
+
+
+def _is_in_degrees(curves: list[Curve]) -> bool:
+    levels = [
+        np.interp(0.0, np.log(curve.taus_s), curve.deviations)
+        for curve in curves
+        if len(curve.taus_s)
+    ]
+    return bool(levels) and float(np.median(levels)) > NOISY_AT_1_S
+
+
+def _scatter(segments: list[np.ndarray], rate_hz: float) -> np.ndarray:
+    """Return the standard deviation within each second (or 20 samples) of the record."""
+    size = max(round(rate_hz), 20)
+    return np.concatenate(
+        [values[: len(values) // size * size].reshape(-1, size).std(axis=1) for values in segments]
+    )
+
+
+def _of_record(signal: Signal) -> list[str]:
+    """Return warnings of how the record was made."""
+    counts = signal.counts
+    found = []
+    if counts.filled > MANY * counts.samples:
+        share = 100 * counts.filled / counts.samples
+        found.append(f'{share:.1f} % of the samples were lost and are interpolated')
+    if counts.gaps:
+        found.append(
+            f'{counts.gaps:,} gaps ({counts.lost:,} samples) cut the record into '
+            f'{len(signal.segments):,} segments'
+        )
+    if counts.equal_stamps > MANY * counts.samples:
+        found.append(
+            f'{counts.equal_stamps:,} samples have the stamp of the one before: the stamps are '
+            'not those of the sensor; its order and its mean rate are used'
+        )
+    for count, what in (
+        (counts.late, 'came too late to be sorted'),
+        (counts.not_finite, 'are not finite'),
+    ):
+        if count:
+            found.append(f'{count:,} samples {what}, and are left out')
+    return found
+
+
+def _of_rest(axes: dict[str, Axis], scatter: np.ndarray) -> list[str]:
+    """
+    Return warnings of an IMU that was not at rest.
+
+    :param scatter: (6, S) standard deviation of each axis within each second.
+    """
+    found = []
+    if scatter.shape[1]:
+        usual = np.median(scatter, axis=1, keepdims=True)
+        moving = np.flatnonzero((scatter > MOVING * usual).any(axis=0))
+        if len(moving):
+            found.append(
+                f'the sensor was not at rest for {len(moving):,} of {scatter.shape[1]:,} seconds, '
+                f'first {moving[0]:,} s after the start: leave those out'
+            )
+    rate = np.linalg.norm([axes[name].mean for name in AXES[:3]])
+    if rate > FASTEST_BIAS:
+        found.append(f'its mean angular rate is {rate:.3g} rad/s: it turns, or the unit is wrong')
+    force = np.linalg.norm([axes[name].mean for name in AXES[3:]])
+    if abs(force - GRAVITY) > GRAVITY_ERROR:
+        found.append(
+            f'its mean acceleration is {force:.4g} m/s², at rest it should be {GRAVITY}: gravity '
+            'was taken out, or the unit is wrong'
+        )
+    return found
+
+
+def _of_fits(axes: dict[str, Axis]) -> list[str]:
+    """Return warnings of curves that are not those of the model."""
+    found = []
+    for name, axis in axes.items():
+        if axis.fit.misfit:
+            excess, tau_s = axis.fit.misfit
+            found.append(
+                f'{name}: at τ = {tau_s:.3g} s the curve is {100 * abs(excess):.0f} % '
+                f'{"above" if excess > 0 else "below"} the fit: there is more than the three '
+                'noises, such as vibration, a filter or a change of temperature'
+            )
+        if axis.fit.ramp:
+            found.append(
+                f'{name}: the curve rises as under a steady drift, such as warming up; the random '
+                'walk contains it'
+            )
+    return found

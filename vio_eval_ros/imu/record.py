@@ -1,0 +1,285 @@
+"""
+A record of an IMU, put in order while it is read, in memory that does not grow with its length.
+
+Samples are sorted by stamp, repeats are left out, a few lost samples are interpolated and longer
+gaps cut the record into segments. Of a record longer than the capacity, first two, then four and
+so on consecutive samples are averaged into one, which leaves longer averaging times as they are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from vio_eval_ros.errors import ReadError
+
+AXES = ('gyro_x', 'gyro_y', 'gyro_z', 'accel_x', 'accel_y', 'accel_z')
+CAPACITY = 6_000_000  # samples kept: 8 h at 200 Hz, 288 MB
+HELD = 1 << 16  # samples held back for others that come late
+NEAR = 16  # samples on either side of a suspected gap that tell whether it is one
+FILLED = 10  # lost in a row at most, to be interpolated
+
+
+@dataclass
+class Counts:
+    """
+    What was found in a record, in samples but for the gaps.
+
+    :param samples: read.
+    :param unsorted: came behind others with a later stamp, and were sorted.
+    :param late: came too late for that, and were left out.
+    :param not_finite: were left out for a NaN or an infinity.
+    :param repeated: had stamp and values of the one before, and were left out.
+    :param equal_stamps: had the stamp of the one before, but other values.
+    :param filled: were lost, at most ten in a row, and interpolated.
+    :param gaps: longer ones, which cut the record.
+    :param lost: in those gaps.
+    :param cut: left out to average whole groups.
+    """
+
+    samples: int = 0
+    unsorted: int = 0
+    late: int = 0
+    not_finite: int = 0
+    repeated: int = 0
+    equal_stamps: int = 0
+    filled: int = 0
+    gaps: int = 0
+    lost: int = 0
+    cut: int = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """
+    Evenly spaced samples.
+
+    :param rate_hz: of these samples.
+    :param averaged: how many recorded samples each of them is the average of.
+    :param first_ns: stamp of the first.
+    :param segments: what lies between gaps, each in parts (6, n), one row an axis of ``AXES``.
+    """
+
+    rate_hz: float
+    averaged: int
+    first_ns: int
+    segments: list[list[np.ndarray]]
+    counts: Counts
+
+    @property
+    def duration_s(self) -> float:
+        """The length of all segments together."""
+        return sum(len(values) for values in self.axis(0)) / self.rate_hz
+
+    def axis(self, index: int) -> Iterator[np.ndarray]:
+        """Yield the (n,) samples of one axis, segment by segment."""
+        for parts in self.segments:
+            yield np.concatenate([part[index] for part in parts])
+
+
+@dataclass(eq=False)
+class Record:
+    """
+    Takes the samples of an IMU in blocks, as they come.
+
+    :param source: what an error names.
+    :param capacity: how many samples are kept.
+    """
+
+    source: object
+    capacity: int = CAPACITY
+    counts: Counts = field(default_factory=Counts)
+
+    def __post_init__(self) -> None:
+        self._blocks: list[tuple[np.ndarray, np.ndarray]] = []
+        self._waiting = 0
+        # the last samples that were taken over, to compare the next with
+        self._behind = np.empty(0, np.int64), np.empty((0, 6))
+        self._period_ns = 0.0
+        self._first_ns = 0
+        self._elapsed_ns, self._intervals = 0, 0
+        self._averaged = 1
+        self._segments: list[list[np.ndarray]] = [[]]
+        self._kept = 0
+        self._rest = np.empty((0, 6))
+
+    def add(self, stamps_ns: np.ndarray, samples: np.ndarray) -> None:
+        """
+        Take a block of samples.
+
+        :param stamps_ns: (N,) int64.
+        :param samples: (N, 6), a column an axis of ``AXES``.
+        """
+        self.counts.samples += len(stamps_ns)
+        finite = np.isfinite(samples).all(axis=1)
+        if not finite.all():
+            self.counts.not_finite += int((~finite).sum())
+            stamps_ns, samples = stamps_ns[finite], samples[finite]
+        self._blocks.append((stamps_ns, samples))
+        self._waiting += len(stamps_ns)
+        if self._waiting >= 2 * HELD:
+            self._take_over(HELD)
+
+    def finish(self) -> Signal:
+        """
+        Return all that was taken.
+
+        :raises ReadError: fewer than two samples, or stamps that stand still.
+        """
+        self._take_over(0)
+        if not self._intervals:
+            raise ReadError(self.source, 'there are fewer than two samples with stamps')
+        self._close()
+        segments = [parts for parts in self._segments if parts]
+        period_s = self._elapsed_ns / self._intervals / 1e9
+        rate_hz = 1 / period_s / self._averaged
+        return Signal(rate_hz, self._averaged, self._first_ns, segments, self.counts)
+
+    def _take_over(self, held: int) -> None:
+        """Put in order what is waiting, and take it over but for the last ``held`` samples."""
+        stamps, samples = self._ordered()
+        old = len(self._behind[0])
+        end = max(len(stamps) - held, old)
+        self._blocks, self._waiting = [(stamps[end:], samples[end:])], len(stamps) - end
+        if end == old:
+            return
+        if not old:
+            self._first_ns = int(stamps[0])
+            self._period_ns = self._period(stamps)
+            self._rest = samples[:1]
+        lost = _lost(stamps, self._period_ns)
+        begin = max(old, 1)
+        lost = lost[begin - 1 : end - 1]
+        steps = np.diff(stamps[begin - 1 : end])
+        self._elapsed_ns += int(steps[lost == 0].sum())
+        self._intervals += int((lost == 0).sum())
+        self.counts.equal_stamps += int((steps == 0).sum())
+        self._cut_and_fill(samples[begin - 1 : end], lost)
+        self._behind = stamps[max(end - NEAR, 0) : end], samples[max(end - NEAR, 0) : end]
+
+    def _ordered(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return what is behind and what is waiting, sorted and without repeats."""
+        blocks = [self._behind, *self._blocks]
+        stamps = np.concatenate([stamps for stamps, _ in blocks])
+        samples = np.concatenate([samples for _, samples in blocks])
+        self._blocks = []
+        old = len(self._behind[0])
+        if old:
+            late = stamps < stamps[old - 1]
+            late[:old] = False
+            if late.any():
+                self.counts.late += int(late.sum())
+                stamps, samples = stamps[~late], samples[~late]
+        if (np.diff(stamps) < 0).any():
+            self.counts.unsorted += int((stamps < np.maximum.accumulate(stamps)).sum())
+            order = np.argsort(stamps, kind='stable')
+            stamps, samples = stamps[order], samples[order]
+        same = np.flatnonzero(np.diff(stamps) == 0) + 1
+        same = same[(samples[same] == samples[same - 1]).all(axis=1) & (same >= old)]
+        if len(same):
+            self.counts.repeated += len(same)
+            stamps, samples = np.delete(stamps, same), np.delete(samples, same, axis=0)
+        return stamps, samples
+
+    def _period(self, stamps: np.ndarray) -> float:
+        """Return the time between two samples; jitter, bursts and gaps do not matter."""
+        stride = min(64, len(stamps) - 1)
+        if stride < 1:
+            return 1.0
+        period = float(np.median(np.diff(stamps[::stride]))) / stride
+        step = float(np.median(np.diff(stamps)))
+        if step > period / 2:  # else samples come in bursts
+            period = step
+        if period <= 0:
+            raise ReadError(self.source, 'its stamps stand still; have the driver set them')
+        for _ in range(3):
+            period = float(
+                (stamps[-1] - stamps[0]) / (len(stamps) - 1 + _lost(stamps, period).sum())
+            )
+        return period
+
+    def _cut_and_fill(self, samples: np.ndarray, lost: np.ndarray) -> None:
+        """
+        Store samples, of which the first is stored already.
+
+        :param samples: (N + 1, 6).
+        :param lost: (N,) samples lost in front of each of the others.
+        """
+        cuts = np.flatnonzero(lost > FILLED)
+        self.counts.gaps += len(cuts)
+        self.counts.lost += int(lost[cuts].sum())
+        for begin, end in zip([-1, *cuts.tolist()], [*cuts.tolist(), len(lost)], strict=True):
+            if begin >= 0:
+                self._close()
+                self._segments.append([])
+            # from the sample in front of each piece on, which is stored where there is no cut
+            piece, fill = samples[begin + 1 : end + 1], lost[begin + 1 : end]
+            if fill.any():
+                self.counts.filled += int(fill.sum())
+                at = np.concatenate([[0], np.cumsum(1 + fill)])
+                every = np.arange(at[-1] + 1)
+                piece = np.stack([np.interp(every, at, column) for column in piece.T], axis=1)
+            self._store(piece[1:] if begin < 0 else piece)
+
+    def _store(self, samples: np.ndarray) -> None:
+        samples = np.concatenate([self._rest, samples])
+        # in pairs of groups, so that two can always be averaged later
+        whole = len(samples) - len(samples) % (2 * self._averaged)
+        self._rest = samples[whole:].copy()
+        self._keep(samples[:whole])
+        while self._kept > self.capacity:
+            self._average()
+
+    def _keep(self, samples: np.ndarray) -> None:
+        if len(samples):
+            means = (
+                samples.reshape(-1, self._averaged, 6).mean(axis=1)
+                if self._averaged > 1
+                else samples
+            )
+            self._segments[-1].append(np.ascontiguousarray(means.T))
+            self._kept += len(means)
+
+    def _close(self) -> None:
+        """End the open segment."""
+        over = len(self._rest) % self._averaged
+        self.counts.cut += over
+        self._keep(self._rest[: len(self._rest) - over])
+        self._rest = np.empty((0, 6))
+
+    def _average(self) -> None:
+        """Average two samples into one, everywhere."""
+        for index, parts in enumerate(self._segments):
+            joined = np.concatenate(parts, axis=1) if parts else np.empty((6, 0))
+            parts.clear()
+            even = joined.shape[1] // 2 * 2
+            self.counts.cut += (joined.shape[1] - even) * self._averaged
+            if even:
+                self._segments[index] = [(joined[:, 0:even:2] + joined[:, 1:even:2]) / 2]
+        self._averaged *= 2
+        self._kept = sum(part.shape[1] for parts in self._segments for part in parts)
+
+
+def _lost(stamps_ns: np.ndarray, period_ns: float) -> np.ndarray:
+    """
+    Return how many samples are lost in front of each but the first.
+
+    A sample that is only late, or many that come in a burst, are followed by others that are not:
+    how late the samples are on either side of a long step, up to the next, tells the two apart.
+    """
+    lost = np.zeros(max(len(stamps_ns) - 1, 0), np.int64)
+    elapsed = (stamps_ns - stamps_ns[0]) / period_ns
+    steps = np.flatnonzero(np.diff(elapsed) > 1.5)
+    if len(steps):
+        late = elapsed - np.arange(len(elapsed))
+        begins = np.concatenate([[0], steps[:-1] + 1])[:, None]
+        ends = np.concatenate([steps[1:], [len(late) - 1]])[:, None]
+        behind = steps[:, None] - np.arange(NEAR)
+        ahead = steps[:, None] + 1 + np.arange(NEAR)
+        before = np.where(behind >= begins, late[behind], np.nan)
+        after = np.where(ahead <= ends, late[np.minimum(ahead, ends)], np.nan)
+        moved = np.nanmedian(after, axis=1) - np.nanmedian(before, axis=1)
+        lost[steps] = np.rint(moved).clip(min=0)
+    return lost

@@ -1,0 +1,242 @@
+"""Samples of an IMU from recordings and CSV files, a block at a time, whatever their length."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+import re
+from typing import Any, BinaryIO, NamedTuple
+
+import numpy as np
+
+from vio_eval_ros.errors import ReadError, UnsupportedMessage
+from vio_eval_ros.recordings.bags import BLOCK_BYTES, Recording
+from vio_eval_ros.recordings.cdr import _Block, Layout
+from vio_eval_ros.recordings.progress import Progress, silent
+from vio_eval_ros.recordings.storage import unreadable
+from vio_eval_ros.recordings.text import _BadRow, _header, _line_of_row, _parse, Rows
+
+IMU = 'sensor_msgs/msg/Imu'
+# orientation, angular velocity and linear acceleration, each before its covariance
+LAYOUT = Layout(strings=1, doubles=37, pose_doubles=28)
+SAMPLE = [13, 14, 15, 25, 26, 27]  # the velocity and the acceleration among those
+SUFFIXES = ('.csv', '.txt')
+TEXT_BYTES = 1 << 20
+# where a folder of EuRoC's has its IMU
+FILES = ('data.csv', 'imu0/data.csv', 'mav0/imu0/data.csv')
+BOM = b'\xef\xbb\xbf'
+# beginnings and ends of the names of columns, and what is in brackets behind them
+KINDS = {'gyro': '(w|g|ang|omega|rot)(?!rav).*[xyz]', 'accel': '(a(?!ng)|lin|force|f_).*[xyz]'}
+UNITS = {
+    'gyro': {'rad/s': r'[\[(].*rad', 'deg/s': r'[\[(].*(deg|°|dps)'},
+    'accel': {'m/s2': r'[\[(].*m */? *s', 'g': r'[\[(] *g *[\])]'},
+}
+LONGEST_STEP = {'s': 0.05, 'ms': 50.0, 'us': 50_000.0}
+NAMES = ('time', 'gx', 'gy', 'gz', 'ax', 'ay', 'az')
+
+# Takes stamps (N,) int64 ns and samples (N, 6): gyroscope x y z, accelerometer x y z.
+Sink = Callable[[np.ndarray, np.ndarray], None]
+
+
+class ImuSource(NamedTuple):
+    """
+    Where samples were read from.
+
+    :param topic: None of a file.
+    :param units: of 'gyro' and 'accel', where the header of a file states them.
+    """
+
+    path: Path
+    topic: str | None
+    units: dict[str, str]
+
+    def __str__(self) -> str:
+        return f'{self.path}:{self.topic}' if self.topic else str(self.path)
+
+
+def read_imu(path: Path, topic: str | None, sink: Sink, progress: Progress = silent) -> ImuSource:
+    """
+    Hand all samples of an IMU to a sink, in blocks and as they were recorded.
+
+    :param path: a recording, a CSV file, or a folder of EuRoC's with an ``imu0``.
+    :param topic: of the recording; None for the only one with IMU messages.
+    :raises ReadError: what cannot be read, is damaged or has no such topic; a file whose columns
+        are not known.
+    """
+    files = [path / name for name in FILES if (path / name).is_file()]
+    if files or path.suffix.lower() in SUFFIXES:
+        if topic is not None:
+            raise ReadError(path, f'is not a recording and has no topic {topic}')
+        return _read_csv(files[0] if files else path, sink, progress)
+    with ImuRecording(path) as recording:
+        topic = recording.imu_topic(topic)
+        recording.samples(topic, sink, progress)
+    return ImuSource(path, topic, {})
+
+
+class ImuRecording(Recording):
+    """A recording, open to read the messages of its IMUs."""
+
+    def imu_topic(self, name: str | None) -> str:
+        """Return the topic of this name, or the only one with IMU messages."""
+        found = {topic.name: topic for topic in self.topics if topic.msgtype == IMU}
+        choice = f'topics of {IMU}: ' + (
+            ', '.join(f'{topic.name} ({topic.count})' for topic in found.values()) or 'none'
+        )
+        if name is None:
+            filled = [topic.name for topic in found.values() if topic.count]
+            if len(filled) != 1:
+                raise ReadError(self.path, f'name the one to be read with --topic; {choice}')
+            return filled[0]
+        if name not in found:
+            others = [topic.msgtype for topic in self.topics if topic.name == name]
+            if others:
+                raise UnsupportedMessage(f'{self.path}:{name}', f'carries {others[0]}; {choice}')
+            raise ReadError(f'{self.path}:{name}', f'there is no such topic; {choice}')
+        if not found[name].count:
+            raise ReadError(f'{self.path}:{name}', f'has no messages; {choice}')
+        return name
+
+    def samples(self, topic: str, sink: Sink, progress: Progress = silent) -> None:
+        """Hand all samples of a topic to a sink, in blocks."""
+        decoder = self._decoder(next(one for one in self.topics if one.name == topic))
+        block: list[bytes] = []
+        held = 0
+
+        def take(message: bytes) -> None:
+            nonlocal held
+            block.append(message)
+            held += len(message)
+            if held > BLOCK_BYTES:
+                flush()
+
+        def flush() -> None:
+            nonlocal held
+            if block:
+                sink(*_columns(block, decoder))
+                block.clear()
+                held = 0
+
+        self._feed({topic: [take]}, progress)
+        flush()
+
+
+def _columns(messages: list[bytes], decoder: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Return stamps and samples of serialised messages."""
+    ends = np.cumsum([len(message) for message in messages])
+    starts = np.concatenate([[0], ends[:-1]])
+    try:
+        block = _Block(b''.join(messages), starts, decoder._ros1)
+        stamps, numbers, read = block.records(block.begin, LAYOUT)
+        if decoder._is_standard and block.ends_at(ends, read):
+            return stamps, numbers[:, SAMPLE]
+    except (IndexError, ValueError):  # a length points out of the block
+        pass
+    try:
+        rows = [_sample(decoder.deserialize(message)) for message in messages]
+    except Exception as error:
+        raise unreadable(decoder.source, error) from error
+    return np.array([row[0] for row in rows], np.int64), np.array([row[1:] for row in rows])
+
+
+def _sample(message: Any) -> tuple[float, ...]:
+    stamp, w, a = message.header.stamp, message.angular_velocity, message.linear_acceleration
+    return stamp.sec * 10**9 + stamp.nanosec, w.x, w.y, w.z, a.x, a.y, a.z
+
+
+class _Columns(NamedTuple):
+    """
+    What the header of a file says.
+
+    :param samples: the columns of gyroscope x y z and accelerometer x y z.
+    :param stamps: the unit of the first column; None where it is not stated.
+    :param units: of 'gyro' and 'accel', where they are stated.
+    """
+
+    samples: list[int]
+    stamps: str | None
+    units: dict[str, str]
+
+
+def _read_csv(path: Path, sink: Sink, progress: Progress) -> ImuSource:
+    try:
+        with path.open('rb') as file:
+            begin = file.read(TEXT_BYTES)
+            if not begin or begin.isspace():
+                raise ReadError(path, 'the file is empty')
+            bom = len(begin) - len(begin.removeprefix(BOM))
+            header, start = _header(begin[bom:])
+            columns = _named(path, header)
+            file.seek(bom + start)
+            blocks = path.stat().st_size // TEXT_BYTES + 1
+            unit, width, line = columns.stamps, 0, header.count(b'\n')
+            for block in progress(_blocks(file), blocks):
+                rows = _rows(path, block, width, line)
+                line += block.count(b'\n')
+                if rows is None:
+                    continue
+                width = rows.values.shape[1]
+                if width <= max(columns.samples):
+                    raise ReadError(path, f'has {width} columns; needed are {", ".join(NAMES)}')
+                unit = unit or _stamp_unit(rows.values[:, 0])
+                sink(rows.nanoseconds(path, unit), rows.values[:, columns.samples])
+    except OSError as error:
+        raise ReadError(path, error.strerror or str(error)) from None
+    if not width:
+        raise ReadError(path, 'the file has no rows of numbers')
+    return ImuSource(path, None, columns.units)
+
+
+def _blocks(file: BinaryIO) -> Iterator[bytes]:
+    """Yield the rest of a file in blocks of whole lines."""
+    while block := file.read(TEXT_BYTES):
+        yield block + file.readline()
+
+
+def _rows(path: Path, block: bytes, width: int, line: int) -> Rows | None:
+    """Return the numbers of a block, which ``line`` lines are in front of."""
+    if not block.endswith(b'\n'):
+        block += b'\n'
+    try:
+        return _parse(block, width)
+    except _BadRow as bad:
+        at = line + _line_of_row(block, bad.row)
+        raise ReadError(path, f'line {at}: {bad.problem}') from None
+
+
+def _named(path: Path, header: bytes) -> _Columns:
+    """
+    Return what the header says of the columns; without one they are as in EuRoC's files.
+
+    :raises ReadError: a header that names columns, but not those of an IMU.
+    """
+    last = header.decode(errors='replace').strip().rpartition('\n')[2].strip('#% \t\r').lower()
+    names = [name.strip(' "') for name in re.split(r'[,;]' if ',' in last else r'\s+', last)]
+    if len(names) < len(NAMES):
+        return _Columns(list(range(1, 7)), None, {})
+    found = {
+        (kind, bare[-1]): column
+        for column, name in reversed(list(enumerate(names)))
+        for bare in [re.sub(r'[\[(].*', '', name).strip()]
+        for kind, pattern in KINDS.items()
+        if re.fullmatch(pattern, bare)
+    }
+    wanted = [(kind, axis) for kind in KINDS for axis in 'xyz']
+    if not found.keys() >= set(wanted):
+        raise ReadError(
+            path, f'its columns {", ".join(names)} are not known; name them {", ".join(NAMES)}'
+        )
+    units = {
+        kind: unit
+        for kind in KINDS
+        for unit, pattern in UNITS[kind].items()
+        if re.search(pattern, names[found[kind, 'x']])
+    }
+    stated = re.search(r'[\[(_](ns|us|ms|s)[\])]?$', names[0])
+    return _Columns([found[key] for key in wanted], stated and stated[1], units)
+
+
+def _stamp_unit(stamps: np.ndarray) -> str:
+    """Return the unit of stamps, given that an IMU has 20 to 20,000 samples a second."""
+    step = abs(stamps[-1] - stamps[0]) / max(len(stamps) - 1, 1)
+    return next((unit for unit, longest in LONGEST_STEP.items() if step <= longest), 'ns')

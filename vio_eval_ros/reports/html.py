@@ -1,0 +1,314 @@
+"""The report of a run that people look at: one HTML file, interactive and offline."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+import math
+
+from vio_eval_ros.core.gates import Verdict
+from vio_eval_ros.core.statistics import STATISTICS
+from vio_eval_ros.reports.page import Html, joined, page, plot, table, tag
+from vio_eval_ros.reports.plots import (
+    boxes,
+    Course,
+    errors_over_time,
+    GAP,
+    GREY,
+    MOST_POINTS,
+    path_3d,
+    path_from_above,
+    RAMP,
+    RED,
+    relative_samples,
+    segment_samples,
+    usual_lengths,
+)
+from vio_eval_ros.reports.result import Input, Result
+from vio_eval_ros.reports.text import number, percent, rows
+
+WORDS = {'pass': 'pass', 'warn': 'warning', 'fail': 'fail'}
+
+
+def html_report(result: Result) -> str:
+    """Return a page: the verdict, the headline figures, where and when it was wrong, and why."""
+    return page(
+        f'{result.estimate.source}: evaluation',
+        _head(result),
+        tiles(_headlines(result)),
+        warnings(result.summary.warnings),
+        _gates(result.verdicts),
+        tag('section', course(result), class_='run'),
+        *_relative(result),
+        tag('h2', 'Statistics'),
+        _figures(result),
+        *_counts(result),
+        options(result),
+    )
+
+
+def badge(word: str, text: str) -> Html:
+    """Return a verdict in its colour: pass, warn, fail or none."""
+    return tag('span', text, class_=f'badge {word}')
+
+
+def tiles(headlines: Iterable[tuple[str, str, str]]) -> Html:
+    """Return the few figures that one wants to see first: name, value, and what it is of."""
+    return tag(
+        'div',
+        *(
+            tag('div', tag('small', name), tag('b', value), tag('small', of), class_='tile')
+            for name, value, of in headlines
+        ),
+        class_='tiles',
+    )
+
+
+def warnings(sentences: Iterable[str], word: str = 'warn') -> Html:
+    """Return what one should know before trusting a figure; nothing where there is nothing."""
+    items = [tag('li', sentence) for sentence in sentences]
+    return tag('ul', *items, class_=f'notes {word}') if items else Html()
+
+
+def course(result: Result, most_points: int = MOST_POINTS) -> Html:
+    """Return the plots of a run in space and time."""
+    metrics = result.summary.metrics
+    if math.isnan(metrics['ate_trans_rmse_m']):
+        return tag(
+            'p', 'There is nothing to draw: the alignment is not determined.', class_='soft'
+        )
+    run = Course.of(result, most_points)
+    ramp = tag('span', class_='ramp', style=f'background:linear-gradient(90deg,{",".join(RAMP)})')
+    in_space = joined(
+        [
+            'Position error: 0 ', ramp, f' {number(run.hottest)} m and more (5 % of the pairs). ',
+            swatch(GREY), 'Ground truth.',
+        ]
+    )  # fmt: skip
+    return joined(
+        [
+            tag('h2', 'Where'),
+            tag('p', in_space, class_='soft'),
+            tag(
+                'div',
+                plot(path_3d(run), 420, 'trajectory in 3-D', shows='path'),
+                plot(path_from_above(run), 420, 'trajectory from above', shows='path'),
+                class_='plots',
+            ),
+            tag('h2', 'When'),
+            tag('p', *_marks(run), class_='soft'),
+            plot(
+                errors_over_time(run, metrics['ate_trans_rmse_m'], metrics['ate_rot_rmse_deg']),
+                420,
+                'errors over time',
+                shows='errors',
+            ),
+        ]
+    )
+
+
+def _marks(run: Course) -> Iterator[object]:
+    """Yield what the marks in the errors over time mean, and how many there are."""
+    yield 'Dashed: RMSE. '
+    if run.gaps:
+        lost = sum(end - begin for begin, end in run.gaps)
+        yield swatch(GAP)
+        yield (
+            f'{_count(len(run.gaps), "gap")} without pairs for more than {run.longest_s:.3g} s, '
+            f'together {lost:.1f} s. '
+        )
+    else:
+        yield f'No gap longer than {run.longest_s:.3g} s. '
+    if run.jumps:
+        k, size = run.jumps[0]
+        yield tag('span', '◇', style=f'color:{RED};margin:0 .3rem 0 .8rem;font-weight:700')
+        yield (
+            f'{_count(len(run.jumps), "jump")} of the estimate, the largest of {number(size)} m '
+            f'at {run.seconds[k]:.1f} s.'
+        )
+
+
+def swatch(colour: str) -> Html:
+    """Return a patch of a colour, for a legend."""
+    return tag('span', class_='swatch', style=f'background:{colour}')
+
+
+def _count(count: int, noun: str) -> str:
+    return f'{count} {noun}' + 's' * (count != 1)
+
+
+def _head(result: Result) -> Html:
+    word = {True: 'pass', False: 'fail', None: ''}[result.passed]
+    alignment = result.summary.alignment
+    scale = '' if alignment.scale == 1 else f', scale {number(alignment.scale)}'
+    return tag(
+        'header',
+        tag(
+            'div',
+            tag('h1', result.estimate.source),
+            tag('p', f'against {result.ground_truth.source}', class_='soft'),
+            tag('p', f'alignment {alignment.mode}{scale}', class_='soft'),
+        ),
+        badge(word, word or 'no gates'),
+    )
+
+
+def _headlines(result: Result) -> Iterator[tuple[str, str, str]]:
+    """Yield the figures at the top."""
+    metrics, found = result.summary.metrics, result.summary.association
+    yield (
+        'ATE position',
+        f'{number(metrics["ate_trans_rmse_m"])} m',
+        f'RMSE, max {number(metrics["ate_trans_max_m"])} m',
+    )
+    yield (
+        'ATE rotation',
+        f'{number(metrics["ate_rot_rmse_deg"])}°',
+        f'RMSE, max {number(metrics["ate_rot_max_deg"])}°',
+    )
+    for delta in result.config.rpe_deltas[-1:]:
+        kind = 'disp' if result.summary.pairs.turns is None else 'trans'
+        yield f'RPE over {delta}', f'{number(metrics[f"rpe_{delta}_{kind}_rmse_m"])} m', 'RMSE'
+    yield 'Coverage', percent(metrics['coverage_ratio']), 'of the ground truth was tracked'
+    yield (
+        'Path',
+        f'{number(metrics["path_length_m"])} m',
+        f'{found["pairs"]:,} pairs',
+    )
+    yield 'Scale', number(metrics['sim3_scale']), 'of the Sim(3) alignment; 1 is right'
+
+
+def gate_rows(verdicts: Iterable[tuple[str, Verdict]]) -> Html:
+    """Return a table of gates, by the name that each is shown under."""
+    return table(
+        ['gate', 'value', 'limit', 'share of the limit', 'verdict'],
+        [
+            [
+                name,
+                number(verdict.value),
+                f'{verdict.gate.comparison} {verdict.gate.limit:g}',
+                _used(verdict),
+                badge(verdict.word, WORDS[verdict.word]),
+            ]
+            for name, verdict in verdicts
+        ],
+        numbers=(1, 2),
+        minor=(3,),
+    )
+
+
+def _used(verdict: Verdict) -> Html:
+    """Return a bar that is full where a value is at its limit."""
+    value, limit = verdict.value, verdict.gate.limit
+    if verdict.gate.comparison == '>=':
+        value, limit = limit, value
+    share = min(1.0, max(0.0, value / limit)) if limit and not math.isnan(value) else 1.0
+    return tag('div', tag('i', style=f'width:{100 * share:.0f}%'), class_=f'bar {verdict.word}')
+
+
+def _gates(verdicts: Iterable[Verdict]) -> Html:
+    named = [(verdict.gate.metric, verdict) for verdict in verdicts]
+    return joined([tag('h2', 'Gates'), gate_rows(named)]) if named else Html()
+
+
+def _relative(result: Result) -> Iterator[Html]:
+    """Yield the relative errors over each delta, and the drift over lengths of path."""
+    errors = relative_samples(result)
+    if errors:
+        yield tag('h2', 'How fast it drifts')
+        yield tag(
+            'p',
+            'Relative errors (RPE) over each delta. Boxes hold half of them, whiskers nine '
+            'tenths; dashed: mean.',
+            class_='soft',
+        )
+        yield _boxes(errors)
+    given = result.config.segment_lengths_m
+    drift = segment_samples(
+        result, given or usual_lengths(result.summary.metrics['path_length_m'])
+    )
+    if drift:
+        yield tag(
+            'p',
+            'Drift over lengths of path'
+            + ('' if given else ', chosen to fit since no segment_lengths_m were given')
+            + '.',
+            class_='soft',
+        )
+        yield _boxes(drift)
+
+
+def _boxes(samples: Iterable[tuple[str, dict]]) -> Html:
+    return tag(
+        'div', *(plot(boxes(title, of), 260, title) for title, of in samples), class_='plots'
+    )
+
+
+def _figures(result: Result) -> Html:
+    shown = ('rmse', 'median', 'p95', 'max')
+    return table(
+        ['error', *STATISTICS],
+        [[label, *map(number, values)] for label, values in rows(result)],
+        numbers=range(1, len(STATISTICS) + 1),
+        minor=[k for k, name in enumerate(STATISTICS, 1) if name not in shown],
+    )
+
+
+def _counts(result: Result) -> Iterator[Html]:
+    """Yield what became of the poses: how many were paired, and why others were not."""
+    found = result.summary.association
+    yield tag('h2', 'Poses')
+    yield table(['', 'estimate', 'ground truth'], _streams(result), numbers=(1, 2))
+    yield tag(
+        'p',
+        f'{found["pairs"]:,} pairs, {percent(found["matched_ratio"])} of the estimates; stamps '
+        f'{number(1e3 * found["abs_difference_mean_s"])} ms apart on average, '
+        f'{number(1e3 * found["abs_difference_max_s"])} ms at most.',
+        class_='soft',
+    )
+
+
+def _streams(result: Result) -> Iterator[list[object]]:
+    sides = (result.estimate, result.ground_truth)
+    facts = [side.to_dict() for side in sides]
+    found = result.summary.association
+    unmatched = [found['unmatched_estimates'], found['unmatched_ground_truth']]
+    yield ['poses used', *(f'{one["poses"]:,}' for one in facts)]
+    yield [
+        'rate [Hz]',
+        *('-' if one['rate_hz'] is None else number(one['rate_hz']) for one in facts),
+    ]
+    yield ['without a partner', *('-' if math.isnan(n) else f'{n:,}' for n in unmatched)]
+    for reason in facts[0]['dropped']:
+        counts = [one['dropped'][reason] for one in facts]
+        if any(counts):
+            yield [f'dropped: {reason.replace("_", " ")}', *(f'{n:,}' for n in counts)]
+    for name in ('went_backwards', 'scaled_quaternion'):
+        counts = [getattr(side.stream.counts, name) for side in sides]
+        if any(counts):
+            yield [f'mended: {name.replace("_", " ")}', *(f'{n:,}' for n in counts)]
+
+
+def options(result: Result) -> Html:
+    """Return how the run was evaluated, folded."""
+
+    def shown(value: object) -> str:
+        if isinstance(value, list):
+            return ' '.join(map(shown, value)) or '-'
+        if isinstance(value, float):
+            return f'{value:g}'
+        return '-' if value is None else str(value)
+
+    given = [[name, shown(value)] for name, value in result.config.to_dict().items()]
+    return tag(
+        'details',
+        tag('summary', 'Options and inputs'),
+        table(['option', 'value'], given),
+        tag('h3', 'Inputs'),
+        *(tag('p', name, ': ', _input(side)) for name, side in
+          (('Estimate', result.estimate), ('Ground truth', result.ground_truth))),
+    )  # fmt: skip
+
+
+def _input(side: Input) -> Html:
+    of = f'{side.kind}, sha256 {side.sha256}' if side.sha256 else side.kind
+    return joined([side.source, tag('span', f' ({of})', class_='soft')])

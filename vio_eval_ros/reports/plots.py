@@ -1,0 +1,480 @@
+"""What the HTML reports draw, as plotly's figures in plain dicts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+import math
+from typing import Any
+
+import numpy as np
+
+from vio_eval_ros.core.config import Delta, plain
+from vio_eval_ros.core.metrics import (
+    candidates,
+    Motion,
+    position_errors,
+    progress_along,
+    relative_errors,
+    rotation_errors,
+    RPE_KINDS,
+    SEGMENT_STEP,
+)
+from vio_eval_ros.core.rotation import lengths
+from vio_eval_ros.reports.result import Result
+
+Figure = dict[str, Any]
+
+MOST_POINTS = 2000
+DIGITS = 5
+# a jump is a step between two pairs that is off by more than this many times what nearly all are
+JUMP_OVER_P95 = 5.0
+MIN_JUMP_M = 0.05
+MOST_MARKS = 100
+# coordinates this many times larger than the run is long are drawn from an origin near it: the
+# graphics card has single precision
+FAR_AWAY = 100.0
+BLUE, RED, GREY, AMBER = '#3f7fc4', '#d1452f', '#8a919b', '#c98a1b'
+#: from no error to the largest; calm to hot, on light and dark alike
+RAMP = ('#3569b0', '#2aa3a3', '#86b63c', '#e6a426', '#d1382c')
+LEVELS = 16
+#: from where the 3-D view looks, by the axes that lie level; a camera's y points down
+CAMERAS = {
+    'xy': {'eye': {'x': 1.05, 'y': -1.5, 'z': 1.0}, 'center': {'x': 0, 'y': 0, 'z': -0.1}},
+    'xz': {
+        'eye': {'x': 1.05, 'y': -1.0, 'z': -1.5},
+        'center': {'x': 0, 'y': 0.1, 'z': 0},
+        'up': {'x': 0, 'y': -1, 'z': 0},
+    },
+}
+QUIET = {'hoverinfo': 'skip'}
+START = {'mode': 'markers', 'hovertemplate': 'start<extra></extra>'}
+NOWHERE = {'mode': 'markers', 'x': [None], 'y': [None]}
+GAP = 'rgba(128,128,128,0.22)'
+AXIS = {'gridcolor': 'rgba(128,128,128,0.22)', 'zeroline': False, 'exponentformat': 'e'}
+
+
+def layout(**more: Any) -> Figure:
+    """Return what all figures look like; colours of text follow the page."""
+    return {
+        'font': {'family': 'system-ui, sans-serif', 'size': 12},
+        'paper_bgcolor': 'rgba(0,0,0,0)',
+        'plot_bgcolor': 'rgba(0,0,0,0)',
+        # margins that follow the labels would take plotly several tries, and differ between plots
+        'margin': {'l': 64, 'r': 10, 't': 10, 'b': 42},
+        'showlegend': False,
+        'hovermode': 'closest',
+        **more,
+    }
+
+
+def axis(title: str = '', **more: Any) -> Figure:
+    """Return an axis with a title."""
+    return {**AXIS, 'title': {'text': title}, **more}
+
+
+def numbers(values: np.ndarray) -> list[float | None]:
+    """Return (N,) numbers as JSON has them, to 1e-5 of their range; None for what is none."""
+    known = values[np.isfinite(values)]
+    spread = float(np.ptp(known)) if len(known) else 0.0
+    decimals = DIGITS - math.floor(math.log10(spread)) if spread > 0 else 9
+    return [v if math.isfinite(v) else None for v in np.round(values, decimals).tolist()]
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """
+    A run over time, as it is drawn.
+
+    :param seconds: (N,) since the first ground truth.
+    :param end: of the ground truth, in the same seconds.
+    :param estimate: (N, 3) metres, aligned.
+    :param truth: (N, 3) metres.
+    :param errors: (N,) of position, metres.
+    :param angles: (N,) of rotation, degrees; NaN where unknown.
+    :param longest_s: above it, an interval without pairs is a gap.
+    :param most_points: that are drawn of a line.
+    """
+
+    seconds: np.ndarray
+    end: float
+    estimate: np.ndarray
+    truth: np.ndarray
+    errors: np.ndarray
+    angles: np.ndarray
+    longest_s: float
+    most_points: int = MOST_POINTS
+
+    @classmethod
+    def of(cls, result: Result, most_points: int = MOST_POINTS) -> Course:
+        """Return the course of a run."""
+        pairs, alignment = result.summary.pairs, result.summary.alignment
+        truth = result.ground_truth.stream
+        first_ns = truth.first_used_ns
+        seconds = (pairs.estimate.stamps_ns - first_ns) / 1e9
+        usual = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
+        return cls(
+            seconds,
+            (truth.last_used_ns - first_ns) / 1e9,
+            alignment.positions(pairs.estimate.positions),
+            pairs.ground_truth.positions,
+            position_errors(pairs, alignment),
+            rotation_errors(pairs, alignment),
+            max(result.config.max_gap_s, 3 * usual),
+            most_points,
+        )
+
+    @cached_property
+    def gaps(self) -> list[tuple[float, float]]:
+        """Intervals of the ground truth without pairs, from when to when."""
+        bounds = np.concatenate([[min(0.0, self.seconds[0])], self.seconds, [self.end]])
+        found = np.flatnonzero(np.diff(bounds) > self.longest_s)
+        return [(float(bounds[k]), float(bounds[k + 1])) for k in found]
+
+    @cached_property
+    def jumps(self) -> list[tuple[int, float]]:
+        """The pairs to which the estimate jumped, and by how much [m], the largest first."""
+        steps = lengths(np.diff(self.estimate - self.truth, axis=0))
+        if not len(steps) or math.isnan(steps.sum()):
+            return []
+        limit = max(MIN_JUMP_M, JUMP_OVER_P95 * float(np.quantile(steps, 0.95)))
+        found = np.flatnonzero(steps > limit)
+        return sorted(((int(k) + 1, float(steps[k])) for k in found), key=lambda jump: -jump[1])
+
+    @cached_property
+    def hottest(self) -> float:
+        """The error that has the last of the colours: the 95th percentile [m]."""
+        return max(float(np.quantile(self.errors, 0.95)), 1e-9)
+
+    @cached_property
+    def labels(self) -> list[str]:
+        """What the axes x, y and z show."""
+        return [
+            f'{name} [m]' if not origin else f'{name} - {plain(float(origin))} [m]'
+            for name, origin in zip('xyz', self.origin, strict=True)
+        ]
+
+    @cached_property
+    def origin(self) -> np.ndarray:
+        """(3,) whole metres, from which positions are drawn; 0 unless they are far from it."""
+        extent = float(np.ptp(self.truth, axis=0).max())
+        far = np.abs(self.truth).max() > FAR_AWAY * max(extent, 1.0)
+        return np.round(self.truth[0]) if far else np.zeros(3)
+
+    @property
+    def axes_from_above(self) -> str:
+        """The axes that lie level: x and y, or x and z where the run is flat in y (a camera's)."""
+        extent = np.ptp(self.truth, axis=0)
+        return 'xz' if extent[1] < min(extent[0], 0.5 * extent[2]) else 'xy'
+
+    def thinned(self) -> np.ndarray:
+        """Return every so manieth pair, the first and last among them."""
+        count = min(len(self.seconds), self.most_points)
+        return np.unique(np.linspace(0, len(self.seconds) - 1, count).round().astype(int))
+
+    def extremes(self, values: np.ndarray) -> np.ndarray:
+        """Return pairs that keep the outline of a curve: the least and most of each stretch."""
+        if len(values) <= self.most_points or math.isnan(values.sum()):
+            return self.thinned()
+        edges = np.linspace(0, len(values), self.most_points // 2 + 1).astype(int)
+        stretches = list(pairwise(edges.tolist()))
+        chosen = [begin + values[begin:end].argmin() for begin, end in stretches]
+        chosen += [begin + values[begin:end].argmax() for begin, end in stretches]
+        return np.unique(np.array([0, *chosen, len(values) - 1]))
+
+    def gap_between(self, chosen: np.ndarray) -> np.ndarray:
+        """Return for the chosen pairs whether a gap is between one and the next."""
+        passed = np.concatenate([[0], np.cumsum(np.diff(self.seconds) > self.longest_s)])
+        return np.diff(passed[chosen]) > 0
+
+    def broken(self, values: np.ndarray, chosen: np.ndarray) -> list[float | None]:
+        """Return the chosen values, with a hole wherever a gap is between two of them."""
+        holes = np.flatnonzero(self.gap_between(chosen)) + 1
+        return numbers(np.insert(values[chosen], holes, math.nan))
+
+    def places(self, positions: np.ndarray, names: str, chosen: np.ndarray) -> Figure:
+        """Return chosen positions along some axes as plotly's x, y and z."""
+        shown = positions - self.origin
+        return {
+            axis: self.broken(shown[:, 'xyz'.index(name)], chosen)
+            for axis, name in zip('xyz', names, strict=False)
+        }
+
+
+def path_3d(course: Course) -> Figure:
+    """Return the aligned estimate in the colours of its error, with the ground truth, in 3-D."""
+    chosen, kind = course.thinned(), {'type': 'scatter3d'}
+    truth, estimate = (course.places(p, 'xyz', chosen) for p in (course.truth, course.estimate))
+    both = np.vstack([course.truth, course.estimate]) - course.origin
+    low, high = both.min(axis=0), both.max(axis=0)
+    # a little room, and never flat; what plotly calls the aspect of the data fits cubes only
+    room = max(0.02 * float((high - low).max()), 1e-3)
+    low, high = low - room, high + room
+    sides = (high - low) / (high - low).max()
+    axes = {
+        f'{name}axis': axis(
+            course.labels[k], range=[float(low[k]), float(high[k])],
+            nticks=round(1 + 6 * sides[k]), gridcolor='#a9aeb5',
+            showbackground=False, showspikes=False,
+        )
+        for k, name in enumerate('xyz')
+    }  # fmt: skip
+    return {
+        'data': [
+            {**kind, **truth, 'mode': 'lines', 'line': {'color': GREY, 'width': 2}, **QUIET},
+            {**kind, **estimate, 'mode': 'lines', 'line': {**_colours(course, chosen), 'width': 5}}
+            | _told(course, chosen),
+            {**kind, **_first(estimate), **START, 'marker': {'size': 4, 'color': GREY}},
+            {**kind, **NOWHERE, 'z': [None], 'marker': {'size': 7, 'color': RED}, **QUIET},
+        ],
+        'layout': layout(
+            scene={
+                **axes,
+                'aspectmode': 'manual',
+                'aspectratio': dict(zip('xyz', (1.5 * sides).tolist(), strict=True)),
+                # a turntable has its axis along z
+                'dragmode': 'turntable' if course.axes_from_above == 'xy' else 'orbit',
+                'camera': CAMERAS[course.axes_from_above],
+            },
+            margin={'l': 0, 'r': 0, 't': 0, 'b': 0},
+        ),
+    }
+
+
+def path_from_above(course: Course) -> Figure:
+    """Return the same from above."""
+    names, chosen, kind = course.axes_from_above, course.thinned(), {'type': 'scatter'}
+    truth, estimate = (course.places(p, names, chosen) for p in (course.truth, course.estimate))
+    right, up = (course.labels['xyz'.index(name)] for name in names)
+    return {
+        'data': [
+            {**kind, **truth, 'mode': 'lines', 'line': {'color': GREY, 'width': 1.5}, **QUIET},
+            # every pair, be it alone, to be pointed at; over them lines of one colour each
+            {**kind, **estimate, 'mode': 'markers',
+             'marker': {**_colours(course, chosen), 'size': 3}} | _told(course, chosen),
+            *_coloured(course, names, chosen),
+            {**kind, **_first(estimate), **START, 'marker': {'size': 8, 'color': GREY}},
+            {**kind, **NOWHERE, 'marker': {'size': 13, 'symbol': 'circle-open', 'color': RED,
+                                           'line': {'width': 3}}, **QUIET},
+        ],
+        'layout': layout(xaxis=axis(right), yaxis=axis(up, scaleanchor='x')),
+    }  # fmt: skip
+
+
+def _colours(course: Course, chosen: np.ndarray) -> Figure:
+    """Return the colours of the chosen errors."""
+    errors = course.broken(np.minimum(course.errors, course.hottest), chosen)
+    return {
+        'color': [0 if error is None else error for error in errors],
+        'colorscale': [[k / (len(RAMP) - 1), colour] for k, colour in enumerate(RAMP)],
+        'cmin': 0,
+        'cmax': course.hottest,
+    }
+
+
+def _told(course: Course, chosen: np.ndarray) -> Figure:
+    """Return what is told of each place: its time, and how far off it is."""
+    errors = course.broken(course.errors, chosen)
+    return {
+        'customdata': course.broken(course.seconds, chosen),
+        'text': ['' if error is None else f'{error:.3g} m' for error in errors],
+        'hovertemplate': '%{text} off at %{customdata} s<extra></extra>',
+    }
+
+
+def _first(places: Figure) -> Figure:
+    return {axis: values[:1] for axis, values in places.items()}
+
+
+def _coloured(course: Course, names: str, chosen: np.ndarray) -> list[Figure]:
+    """Return the lines of the estimate, one for each of some levels of error."""
+    errors = course.errors[chosen]
+    level = (errors[1:] + errors[:-1]) / 2 / course.hottest * LEVELS
+    level = level.clip(max=LEVELS - 1).astype(int)
+    level[course.gap_between(chosen)] = -1
+    ends = [0, *(np.flatnonzero(np.diff(level)) + 1), len(level)]
+    lines: list[list[int]] = [[] for _ in range(LEVELS)]
+    for begin, end in pairwise(ends):
+        if end > begin and level[begin] >= 0:
+            lines[level[begin]] += [*range(begin, end + 1), len(chosen)]
+    positions = course.estimate[chosen] - course.origin
+    positions = np.vstack([positions, np.full(3, math.nan)])
+    return [
+        {
+            'type': 'scatter',
+            'mode': 'lines',
+            **{
+                axis: numbers(positions[line, 'xyz'.index(name)])
+                for axis, name in zip('xy', names, strict=True)
+            },
+            'line': {'color': _ramp((k + 0.5) / LEVELS), 'width': 3},
+            **QUIET,
+        }
+        for k, line in enumerate(lines)
+        if line
+    ]
+
+
+def _ramp(share: float) -> str:
+    """Return the colour of an error that is this share of the largest."""
+    stops = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in RAMP])
+    at = np.linspace(0, 1, len(RAMP))
+    red, green, blue = (round(float(np.interp(share, at, stops[:, k]))) for k in range(3))
+    return f'rgb({red},{green},{blue})'
+
+
+def errors_over_time(course: Course, rmse_m: float, rmse_deg: float) -> Figure:
+    """Return the errors of position and rotation over time; gaps are shaded, jumps marked."""
+    jumps = course.jumps[:MOST_MARKS]
+    gaps = sorted(course.gaps, key=lambda gap: gap[0] - gap[1])[:MOST_MARKS]
+    at = np.array([k for k, _ in jumps], int)
+    figure: Figure = {
+        'data': [
+            _curve(course, course.errors, 'y', 'm'),
+            {
+                'type': 'scatter',
+                'mode': 'markers',
+                'x': numbers(course.seconds[at]),
+                'y': numbers(course.errors[at]),
+                'text': [f'{size:.3g} m' for _, size in jumps],
+                'hovertemplate': 'jumped by %{text} at %{x} s<extra></extra>',
+                'marker': {
+                    'symbol': 'diamond-open',
+                    'size': 10,
+                    'color': RED,
+                    'line': {'width': 2},
+                },
+            },
+        ],
+        'layout': layout(
+            xaxis=axis('time since the first ground truth [s]', range=[0, course.end]),
+            yaxis=axis('position [m]', rangemode='tozero'),
+            hovermode='x',
+            shapes=[_shade(*gap) for gap in gaps] + [_level(rmse_m, 'y')],
+        ),
+    }
+    if not math.isnan(course.angles.sum()):
+        figure['data'].append(_curve(course, course.angles, 'y2', 'deg'))
+        figure['layout'] |= {
+            'yaxis': axis('position [m]', rangemode='tozero', domain=[0.54, 1]),
+            'yaxis2': axis('rotation [deg]', rangemode='tozero', domain=[0, 0.46]),
+        }
+        figure['layout']['xaxis']['anchor'] = 'y2'
+        figure['layout']['shapes'].append(_level(rmse_deg, 'y2'))
+    return figure
+
+
+def _curve(course: Course, values: np.ndarray, axis: str, unit: str) -> Figure:
+    chosen = course.extremes(values)
+    return {
+        'type': 'scatter',
+        # a pair between two gaps would not be seen of a line
+        'mode': 'lines+markers' if course.gap_between(chosen).any() else 'lines',
+        'marker': {'size': 2.5, 'color': BLUE},
+        'x': course.broken(course.seconds, chosen),
+        'y': course.broken(values, chosen),
+        'yaxis': axis,
+        'line': {'color': BLUE, 'width': 1.5},
+        'hovertemplate': f'%{{y:.4~g}} {unit} at %{{x}} s<extra></extra>',
+    }
+
+
+def _shade(begin: float, end: float) -> Figure:
+    span = {'xref': 'x', 'x0': begin, 'x1': end, 'yref': 'paper', 'y0': 0, 'y1': 1}
+    return {'type': 'rect', **span, 'fillcolor': GAP, 'line': {'width': 0}, 'layer': 'below'}
+
+
+def _level(value: float, axis: str) -> Figure:
+    line = {'color': AMBER, 'width': 1.5, 'dash': 'dash'}
+    span = {'xref': 'paper', 'x0': 0, 'x1': 1, 'yref': axis, 'y0': value, 'y1': value}
+    return {'type': 'line', **span, 'line': line}
+
+
+def boxes(title: str, samples: Mapping[str, np.ndarray]) -> Figure:
+    """Return a box over the quartiles for each sample, with whiskers from 5 to 95 percent."""
+    quantiles = [np.quantile(values, [0.05, 0.25, 0.5, 0.75, 0.95]) for values in samples.values()]
+    low, q1, median, q3, high = (column.tolist() for column in np.transpose(quantiles))
+    spread = min(low) > 0 and max(high) > 20 * min(low)
+    return {
+        'data': [
+            {
+                'type': 'box',
+                'x': list(range(len(samples))),
+                'lowerfence': low,
+                'q1': q1,
+                'median': median,
+                'q3': q3,
+                'upperfence': high,
+                'mean': [float(values.mean()) for values in samples.values()],
+                'line': {'color': BLUE, 'width': 1.5},
+                'fillcolor': 'rgba(63,127,196,0.25)',
+                'width': 0.4,
+                'yhoverformat': '.4~g',
+            }
+        ],
+        'layout': layout(
+            xaxis=axis(
+                tickvals=list(range(len(samples))),
+                ticktext=list(samples),
+                range=[-0.6, len(samples) - 0.4],
+                showgrid=False,
+            ),
+            yaxis=axis(
+                title,
+                type='log' if spread else 'linear',
+                **({'dtick': 'D2'} if spread else {'rangemode': 'tozero'}),
+            ),
+        ),
+    }
+
+
+def relative_samples(result: Result) -> list[tuple[str, dict[str, np.ndarray]]]:
+    """Return for two kinds of relative error a title, and the errors over each delta."""
+    pairs, alignment = result.summary.pairs, result.summary.alignment
+    kinds = ('disp', 'dist') if pairs.turns is None else ('trans', 'rot')
+    titles = {'trans': 'position [m]', 'rot': 'rotation [deg]', 'disp': 'displacement [m]',
+              'dist': 'distance [m]'}  # fmt: skip
+    found: dict[str, dict[str, np.ndarray]] = {kind: {} for kind in kinds}
+    for text in result.config.rpe_deltas:
+        delta = Delta.parse(text)
+        of = candidates(progress_along(pairs, delta.unit), delta, result.config.rpe_pairs)
+        errors = relative_errors(pairs, of.begin[of.usable], of.end[of.usable], alignment)
+        for kind in kinds:
+            values = errors[list(RPE_KINDS).index(kind)]
+            if len(values):
+                found[kind][text] = values
+    return [(titles[kind], samples) for kind, samples in found.items() if samples]
+
+
+def segment_samples(
+    result: Result, lengths_m: Sequence[float]
+) -> list[tuple[str, dict[str, np.ndarray]]]:
+    """Return the drift of position and rotation over each length of path, with titles."""
+    pairs, scale = result.summary.pairs, result.summary.alignment.scale
+    if pairs.turns is None:
+        return []
+    path = progress_along(pairs, 'm')
+    begin = np.arange(0, len(path), SEGMENT_STEP)
+    drift, turn = {}, {}
+    for length in lengths_m:
+        end = np.searchsorted(path, path[begin] + length, side='right')
+        inside = end < len(path)
+        if not inside.any():
+            continue
+        motion = Motion.between(pairs, begin[inside], end[inside])
+        name = f'{plain(length)} m'
+        drift[name] = 100 * motion.pose_errors(scale) / length
+        turn[name] = np.degrees(motion.angles) / length
+    found = [('drift of position [%]', drift), ('drift of rotation [deg/m]', turn)]
+    return [(title, samples) for title, samples in found if samples]
+
+
+def usual_lengths(path_m: float) -> tuple[float, ...]:
+    """Return round lengths of which a path holds several: from a tenth to half of it."""
+    if not path_m > 0:
+        return ()
+    decade = 10.0 ** math.floor(math.log10(path_m) - 1)
+    series = [factor * decade for factor in (1, 2, 5, 10, 20, 50)]
+    return tuple(length for length in series if 0.1 * path_m / 2 <= length <= 0.5 * path_m)

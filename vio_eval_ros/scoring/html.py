@@ -1,0 +1,229 @@
+"""The report of a suite that people look at: one HTML file, interactive and offline."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import compress
+import math
+
+from vio_eval_ros.reports.html import badge, course, gate_rows, options, tiles, warnings
+from vio_eval_ros.reports.page import Html, joined, page, plot, table, tag
+from vio_eval_ros.reports.plots import AMBER, BLUE, GREY, RED
+from vio_eval_ros.reports.result import Result
+from vio_eval_ros.reports.text import number, percent
+from vio_eval_ros.scoring.baseline import Comparison
+from vio_eval_ros.scoring.plots import marks, strips
+from vio_eval_ros.scoring.scoring import RunResult, SequenceResult, SuiteResult
+from vio_eval_ros.scoring.suite import RunsGate
+
+ATE = 'ate_trans_rmse_m'
+# of each of many runs
+MOST_POINTS = 1000
+TEXTS = ('sequence', 'band', 'verdict')
+NARROW = ('sequence', 'ATE [m]', 'change', 'verdict')
+
+
+def suite_html(result: SuiteResult) -> str:
+    """Return a page: what failed, all sequences worst first, and each of them by itself."""
+    from vio_eval_ros.scoring.documents import _worst_first
+
+    ordered = _worst_first(result)
+    failed = sum(not one.passed for one in ordered)
+    scored = (one for one in ordered if any(run.result is not None for run in one.runs))
+    worst = next((one for one in scored if not one.passed), None)
+    title = f'{failed} of {len(ordered)} sequences failed' if failed else 'All sequences passed'
+    word = 'fail' if failed else 'pass'
+    return page(
+        f'{title}: evaluation',
+        tag('header', tag('div', tag('h1', title)), badge(word, word)),
+        tiles(_headlines(result)),
+        warnings(result.notes),
+        tag('h2', 'Position error (ATE) of every run'),
+        tag('p', *_legend(result), class_='soft'),
+        plot(
+            strips('RMSE [m]', [(one.sequence.name, marks(one, ATE)) for one in ordered]),
+            60 + 34 * len(ordered),
+            'position error of every run, by sequence',
+        ),
+        tag('h2', 'Sequences, worst first'),
+        _table(ordered),
+        tag('h2', 'One by one'),
+        *(_sequence(k, one, one is worst) for k, one in enumerate(ordered)),
+    )
+
+
+def _headlines(result: SuiteResult) -> Iterator[tuple[str, str, str]]:
+    """Yield the figures at the top."""
+    sequences = result.sequences
+    runs = [(run, one.sequence) for one in sequences for run in one.runs]
+    unscored = sum(run.result is None for run, _ in runs)
+    succeeded = sum(run.succeeded(sequence) for run, sequence in runs)
+    failed = sum(not one.passed for one in sequences)
+    yield 'Sequences', str(len(sequences)), f'{failed} failed'
+    yield 'Runs', str(len(runs)), f'{unscored} could not be scored' if unscored else 'all scored'
+    yield 'Success', percent(succeeded / len(runs)), 'of the runs tracked and did not diverge'
+    compared = [each for one in sequences for each in one.comparisons or ()]
+    if compared:
+        worse = sum(each.worse for each in compared)
+        yield 'Baseline', f'{worse} worse', f'of {len(compared)} comparisons'
+
+
+def _legend(result: SuiteResult) -> Iterator[object]:
+    yield _mark('●', BLUE)
+    yield 'a run '
+    yield _mark('✕', RED)
+    yield 'a run without success '
+    if any(one.comparisons for one in result.sequences):
+        yield _mark('○', GREY)
+        yield 'a run of the baseline '
+    yield _mark('|', 'inherit')
+    yield 'median '
+    yield _mark('|', RED)
+    yield 'gate '
+    if any(
+        gate.gate.severity == 'warn' for one in result.sequences for gate in one.sequence.gates
+    ):
+        yield _mark('|', AMBER)
+        yield 'warning'
+
+
+def _mark(sign: str, colour: str) -> Html:
+    return tag('b', sign, style=f'color:{colour};margin:0 .25rem 0 .6rem')
+
+
+def _table(ordered: Iterable[SequenceResult]) -> Html:
+    """Return a row for each sequence, which leads to what is below of it."""
+    from vio_eval_ros.scoring.documents import _row, COLUMNS
+
+    def row(k: int, one: SequenceResult) -> list[object]:
+        name, *cells, verdict = _row(one)
+        word = verdict.lower()
+        return [tag('a', name, href=f'#sequence-{k}'), *cells, badge(word, word)]
+
+    rows = [row(k, one) for k, one in enumerate(ordered)]
+    filled = [any(column) for column in zip(*rows, strict=True)]
+    heads = list(compress(COLUMNS, filled))
+    return table(
+        heads,
+        [compress(row, filled) for row in rows],
+        numbers=[k for k, name in enumerate(heads) if name not in TEXTS],
+        minor=[k for k, name in enumerate(heads) if name not in NARROW],
+    )
+
+
+def _sequence(k: int, one: SequenceResult, worst: bool) -> Html:
+    """Return all about a sequence, folded where it passed; of the worst, nothing is folded."""
+    from vio_eval_ros.scoring.documents import problems
+
+    warned = any(verdict.word == 'warn' for _, verdict in one.verdicts)
+    word = ('warn' if warned else 'pass') if one.passed else 'fail'
+    ate = one.metrics.get(ATE)
+    return tag(
+        'details',
+        tag(
+            'summary',
+            one.sequence.name,
+            ' ',
+            badge(word, word),
+            tag('span', f' ATE {number(ate.median)} m' if ate else ' not scored', class_='soft'),
+        ),
+        warnings(problems(one), 'warn' if one.passed else 'fail'),
+        *_strips(one),
+        _compared(one.comparisons or ()),
+        tag('h3', 'Gates'),
+        gate_rows((_name(gate), verdict) for gate, verdict in one.verdicts),
+        tag('h3', 'Runs'),
+        _runs(one),
+        _median_run(one, worst),
+        id=f'sequence-{k}',
+        open=None if one.passed else 'open',
+    )
+
+
+def _name(gate: RunsGate) -> str:
+    over = '' if gate.over == 'median' else f', {gate.over} run'
+    return gate.gate.metric + over + (' (warning)' if gate.gate.severity == 'warn' else '')
+
+
+def _strips(one: SequenceResult) -> Iterator[Html]:
+    """Yield the runs by ATE and by what is compared, where there is more than one to see."""
+    compared = [each.rule.metric for each in one.comparisons or ()]
+    for metric in dict.fromkeys([ATE, *compared]):
+        line = marks(one, metric)
+        if sum(mark.kind.startswith('run') for mark in line) > 1:
+            yield plot(strips(metric, [('', line)]), 110, f'{metric} of every run')
+
+
+def _compared(comparisons: Iterable[Comparison]) -> Html:
+    """Return what became of each metric since the baseline; nothing without one."""
+
+    def change(each: Comparison) -> str:
+        share = each.difference / each.baseline.median if each.baseline.median else math.nan
+        return '-' if math.isnan(share) else f'{100 * share:+.1f} %'
+
+    rows = [
+        [
+            each.rule.metric,
+            f'{number(each.baseline.median)} ± {number(each.baseline.mad)}',
+            number(each.candidate.median),
+            f'± {number(each.candidate.mad)}',
+            change(each),
+            number(each.allowed),
+            number(each.p_value),
+            badge('fail', 'worse') if each.worse else badge('pass', 'not worse'),
+        ]
+        for each in comparisons
+    ]
+    heads = ['metric', 'baseline', 'now', 'spread', 'change', 'allowed', 'p', 'verdict']
+    found = table(heads, rows, numbers=range(1, 7), minor=(1, 3, 5, 6))
+    return joined([tag('h3', 'Against the baseline'), found]) if rows else Html()
+
+
+def _runs(one: SequenceResult) -> Html:
+    """Return a row for each run, the one with the largest error first."""
+
+    def badness(run: RunResult) -> float:
+        ate = math.nan if run.result is None else run.result.summary.metrics[ATE]
+        return -math.inf if math.isnan(ate) else -ate
+
+    def row(run: RunResult) -> list[object]:
+        if run.result is None:
+            return [run.run.name, '-', '-', '-', badge('fail', 'not scored')]
+        metrics = run.result.summary.metrics
+        good = run.succeeded(one.sequence)
+        return [
+            run.run.name,
+            number(metrics[ATE]),
+            number(metrics['ate_rot_rmse_deg']),
+            percent(metrics['coverage_ratio']),
+            badge('pass', 'success') if good else badge('fail', 'no success'),
+        ]
+
+    return table(
+        ['run', 'ATE [m]', 'ATE [deg]', 'coverage', 'tracking'],
+        [row(run) for run in sorted(one.runs, key=badness)],
+        numbers=(1, 2, 3),
+        minor=(2,),
+    )
+
+
+def _median_run(one: SequenceResult, opened: bool) -> Html:
+    """Return where and when the run in the middle of all was wrong; nothing without runs."""
+    scored: list[tuple[float, str, Result]] = [
+        (run.result.summary.metrics[ATE], run.run.name, run.result)
+        for run in one.runs
+        if run.result is not None
+    ]
+    if not scored:
+        return Html()
+    scored.sort(key=lambda run: (math.isnan(run[0]), *run[:2]))
+    _, name, result = scored[(len(scored) - 1) // 2]
+    of_many = ', the median run' if len(scored) > 1 else ''
+    return tag(
+        'details',
+        tag('summary', f'Where and when: {name}{of_many}'),
+        warnings(result.summary.warnings),
+        tag('section', course(result, MOST_POINTS), class_='run'),
+        options(result),
+        open='open' if opened else None,
+    )

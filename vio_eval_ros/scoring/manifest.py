@@ -1,0 +1,271 @@
+"""
+Manifests: what a result was made of and what came out, so that anyone can make it again.
+
+Every input is named by its path and sha256, the configuration of the stack is carried along.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+import os
+from pathlib import Path
+from typing import Any, NamedTuple, TYPE_CHECKING
+
+import numpy as np
+
+from vio_eval_ros import __version__
+from vio_eval_ros.core.config import EvaluationConfig, nearest_name
+from vio_eval_ros.errors import ConfigError, ReadError
+from vio_eval_ros.recordings.sources import Spec
+from vio_eval_ros.reports.result import Input, Result
+from vio_eval_ros.scoring.run import sha256
+
+if TYPE_CHECKING:
+    from vio_eval_ros.scoring.scoring import SuiteResult
+    from vio_eval_ros.scoring.suite import Suite
+
+SCHEMA = 'vio_eval_ros.manifest/1'
+MAX_BYTES = 1 << 26
+MAX_TEXT_BYTES = 1 << 20
+STACK_KEYS = ('name', 'version', 'commit', 'config')
+
+
+@dataclass(frozen=True)
+class Document:
+    """
+    A file that explains a run.
+
+    :param text: all of it; None where it is no text, or a long one.
+    """
+
+    path: Path
+    sha256: str
+    text: str | None
+
+    @classmethod
+    def read(cls, path: Path) -> Document:
+        """Return the document in a file; ``ReadError`` where there is none."""
+        import hashlib
+
+        try:
+            if not path.is_file():
+                raise ReadError(path, 'is no file' if path.exists() else 'there is no such file')
+            if path.stat().st_size > MAX_TEXT_BYTES:
+                return cls(path, str(sha256([path])), None)
+            data = path.read_bytes()
+        except OSError as error:
+            raise ReadError(path, error.strerror or str(error)) from None
+        digest = hashlib.sha256(data).hexdigest()
+        try:
+            return cls(path, digest, data.decode())
+        except UnicodeDecodeError:
+            return cls(path, digest, None)
+
+
+@dataclass(frozen=True)
+class Stack:
+    """The software that made an estimate, with its configuration and calibration files."""
+
+    name: str | None = None
+    version: str | None = None
+    commit: str | None = None
+    config: tuple[Document, ...] = ()
+    calibration: tuple[Document, ...] = ()
+
+    @classmethod
+    def of(
+        cls, stated: Mapping[str, Any], calibration: Iterable[Path] = (), base: Path = Path()
+    ) -> Stack:
+        """
+        Return the stack of ``{name: text, version: text, commit: text, config: [paths]}``.
+
+        :param base: what the paths of its configuration are relative to.
+        """
+        for key in stated:
+            if key not in STACK_KEYS:
+                near = nearest_name(key, STACK_KEYS) or f'; there are {", ".join(STACK_KEYS)}'
+                raise ConfigError(f"stack: there is no '{key}' here{near}")
+        for key in STACK_KEYS[:-1]:
+            if not isinstance(stated.get(key), (str, type(None))):
+                raise ConfigError(f"stack: {key}: '{stated[key]}' is no text; put it into quotes")
+        listed = stated.get('config') or []
+        paths = [listed] if isinstance(listed, (str, Path)) else listed
+        if not isinstance(paths, list) or not all(isinstance(p, (str, Path)) for p in paths):
+            raise ConfigError('stack: config: a list of files is expected')
+        return cls(
+            stated.get('name'),
+            stated.get('version'),
+            stated.get('commit'),
+            tuple(Document.read(base / path) for path in paths),
+            tuple(Document.read(path) for path in calibration),
+        )
+
+
+class ScoredRun(NamedTuple):
+    """
+    A run, by the specs that it was read from, and what came out.
+
+    :param result: None where it could not be scored.
+    :param error: why not.
+    """
+
+    estimate: str
+    ground_truth: str
+    result: Result | None
+    error: str = ''
+    recording: Path | None = None
+    causal: str | None = None
+    times: Path | None = None
+
+
+class Manifest:
+    """
+    A manifest in the making.
+
+    Paths in it are relative to its folder where they were given relative to another, so that all
+    may be moved together, and absolute where they were given so.
+
+    :param file: where it will be written.
+    :param root: the folder that relative paths have been joined to already.
+    """
+
+    def __init__(self, file: Path, root: Path = Path()) -> None:
+        # what .. means in a linked folder: the parent of the folder that it links to
+        self._folder = os.path.realpath(file.parent)
+        self._root = root
+        self._texts: dict[str, str] = {}
+        self._documents: dict[str, Any] = {}
+        self._sequences: list[dict[str, Any]] = []
+        self._sha256 = cache(lambda path: sha256([path]))
+
+    def add_document(self, name: str, document: Document) -> None:
+        """Add a document about the whole."""
+        self._documents[name] = self._document(document)
+
+    def add_sequence(
+        self, name: str, config: EvaluationConfig, stack: Stack, runs: Iterable[ScoredRun]
+    ) -> None:
+        """Add the runs of a sequence, which share their options and the stack."""
+        self._sequences.append(
+            {
+                'name': name,
+                'stack': {
+                    **{key: getattr(stack, key) for key in STACK_KEYS[:-1]},
+                    'config': [self._document(document) for document in stack.config],
+                },
+                'calibration': [self._document(document) for document in stack.calibration],
+                'options': config.to_dict(),
+                'runs': [self._run(run) for run in runs],
+            }
+        )
+
+    def to_json(self) -> str:
+        """Return the manifest in schema ``vio_eval_ros.manifest/1``."""
+        import json
+
+        content = {
+            'schema': SCHEMA,
+            'tool': {'name': 'vio_eval_ros', 'version': __version__},
+            'machine': machine(),
+            **self._documents,
+            'sequences': self._sequences,
+            'texts': self._texts,
+        }
+        text = json.dumps(content, indent=2, allow_nan=False) + '\n'
+        if len(text) > MAX_BYTES:
+            raise ConfigError(f'the manifest would be larger than {MAX_BYTES >> 20} MiB; split it')
+        return text
+
+    def _run(self, run: ScoredRun) -> dict[str, Any]:
+        result = run.result
+        estimate, truth = (result.estimate, result.ground_truth) if result else (None, None)
+        return {
+            'estimate': self._input(run, run.estimate, estimate),
+            'causal': self._input(run, run.causal, None) if run.causal else None,
+            'ground_truth': self._input(run, run.ground_truth, truth),
+            'times': self._path(run.times) if run.times else None,
+            'result': result.to_dict() if result else None,
+            'error': run.error or None,
+        }
+
+    def _input(self, run: ScoredRun, text: str, read: Input | None) -> dict[str, Any]:
+        """Return a spec that holds from the folder of the manifest, and its files."""
+        spec = Spec.parse(text)
+        path = spec.path or run.recording
+        files = read.paths if read else [path] if path and path.is_file() else []
+        topic = f':{spec.topic}' if spec.topic else ''
+        stated = '&'.join(f'{name}={value}' for name, value in spec.statements.items())
+        return {
+            'spec': (self._path(path) if path else '') + topic + ('?' + stated if stated else ''),
+            'files': [{'path': self._path(file), 'sha256': self._sha256(file)} for file in files],
+        }
+
+    def _document(self, document: Document) -> dict[str, str]:
+        if document.text is not None:
+            self._texts[document.sha256] = document.text
+        return {'path': self._path(document.path), 'sha256': document.sha256}
+
+    def _path(self, path: Path) -> str:
+        if path.is_absolute() and not path.is_relative_to(self._root):
+            return str(path)
+        return os.path.relpath(path, self._folder)
+
+
+def manifest_of_suite(
+    file: Path, suite: Suite, baseline: Path | None = None
+) -> Callable[[SuiteResult], str]:
+    """
+    Return what makes the manifest of a suite when it is scored; its documents are read now.
+
+    :param file: where the manifest will be written.
+    :param baseline: what it is compared with.
+    :raises ReadError: a document that is not there.
+    """
+    base = suite.file.parent
+    manifest = Manifest(file, base)
+    for name, path in (('suite', suite.file), ('baseline', baseline)):
+        if path is not None:
+            manifest.add_document(name, Document.read(path))
+    stacks = {one.name: Stack.of(one.stack, one.calibration, base) for one in suite.sequences}
+
+    def finished(result: SuiteResult) -> str:
+        for sequence, runs in ((one.sequence, one.runs) for one in result.sequences):
+            scored = [
+                ScoredRun(
+                    one.run.estimate,
+                    sequence.ground_truth,
+                    one.result,
+                    one.error,
+                    one.run.recording,
+                    one.run.causal,
+                )
+                for one in runs
+            ]
+            manifest.add_sequence(sequence.name, sequence.config, stacks[sequence.name], scored)
+        return manifest.to_json()
+
+    return finished
+
+
+def machine() -> dict[str, str]:
+    """Return what the last bits of a result depend on."""
+    import platform
+
+    return {
+        'platform': platform.platform(),
+        'cpu': _cpu_model() or platform.machine(),
+        'python': platform.python_version(),
+        'numpy': np.__version__,
+    }
+
+
+def _cpu_model() -> str:
+    """Return the name of the processor; nothing where the system does not tell."""
+    try:
+        lines = Path('/proc/cpuinfo').read_text().splitlines()
+    except OSError:
+        return ''
+    models = [line.partition(':')[2].strip() for line in lines if line.startswith('model name')]
+    return models[0] if models else ''

@@ -1,0 +1,259 @@
+"""
+Scores the files of a manifest again, and says whether the results are reproduced.
+
+A manifest may come from anywhere: nothing is done with it but to read the files that it names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+import hashlib
+import json
+import math
+from pathlib import Path
+from typing import Any, NamedTuple, NoReturn, TypeVar
+
+from vio_eval_ros import __version__
+from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.evaluation import metric_names
+from vio_eval_ros.core.gates import check_names, Gate, LIMITS, SEVERITIES
+from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
+from vio_eval_ros.recordings.progress import Progress, silent
+from vio_eval_ros.recordings.sources import read_sources, Spec
+from vio_eval_ros.reports.result import Result
+from vio_eval_ros.scoring.manifest import machine, MAX_BYTES, SCHEMA
+from vio_eval_ros.scoring.run import score_run, sha256
+
+#: parts of a result that are compared; the others say how it was made, or have paths in them
+COMPARED = ('config', 'inputs', 'verdict', 'gates', 'metrics', 'association', 'alignment')
+NAMES = ('inputs.estimate.source', 'inputs.ground_truth.source')
+#: what reading anything but a manifest raises
+DAMAGED = (
+    ValueError, KeyError, TypeError, AttributeError, OverflowError, RecursionError, ConfigError,
+)  # fmt: skip
+MOST_SHOWN = 20
+Kind = TypeVar('Kind')
+
+
+@dataclass(frozen=True)
+class Verification:
+    """
+    What came of scoring again what a manifest names.
+
+    :param runs: how many were.
+    :param reproduced: how many gave the same result, to the last bit.
+    :param differences: of the inputs and results, a line each.
+    :param notes: what else has changed, on which no result should depend.
+    """
+
+    runs: int
+    reproduced: int
+    differences: tuple[str, ...]
+    notes: tuple[str, ...]
+
+
+class RecordedRun(NamedTuple):
+    """
+    A run of a manifest.
+
+    :param specs: of the ground truth, the estimate, and where it was revised also of the estimate
+        as first published.
+    :param files: path and sha256 of the inputs.
+    :param values: the result, by dotted names.
+    """
+
+    name: str
+    specs: tuple[str, ...]
+    times: Path | None
+    config: EvaluationConfig
+    gates: tuple[Gate, ...]
+    files: Mapping[Path, str | None]
+    values: Mapping[str, Any]
+
+
+def verify(file: Path, progress: Progress = silent) -> Verification:
+    """
+    Score the runs of a manifest again, and compare their results bit by bit.
+
+    :raises ReadError: no manifest, or a damaged one.
+    """
+    try:
+        runs, notes = _load(file)
+    except DAMAGED as error:
+        what = f'{type(error).__name__}: {error}'
+        raise ReadError(file, f'is no manifest, or a damaged one ({what:.200})') from None
+    if not runs:
+        raise ReadError(file, 'has no result that could be reproduced')
+    differences: list[str] = []
+    reproduced = 0
+    for run in progress(runs, len(runs)):
+        found = [f'{run.name}: {difference}' for difference in _differences(run)]
+        reproduced += not found
+        differences += found
+    return Verification(len(runs), reproduced, tuple(differences), tuple(notes))
+
+
+def _load(file: Path) -> tuple[list[RecordedRun], list[str]]:
+    """Return the runs of a manifest that have a result, and what has changed around them."""
+    content = _parsed(file)
+    runs, notes = [], []
+    was, now = _of(content['machine'], dict), machine()
+    was['vio_eval_ros'], now['vio_eval_ros'] = _of(content['tool'], dict)['version'], __version__
+    for name, value in now.items():
+        if was.get(name) != value:
+            notes.append(f'{name} was {was.get(name)!s:.60}, is {value}')
+    for sequence in _of(content['sequences'], list):
+        documents = [*_of(sequence['stack'], dict)['config'], *_of(sequence['calibration'], list)]
+        notes += _changed(_files(file.parent, documents))
+        config = EvaluationConfig.from_mapping(_of(sequence['options'], dict))
+        for run in _of(sequence['runs'], list):
+            name = f'{_of(sequence["name"], str)}, {_of(run["estimate"]["spec"], str)}'
+            if run['result'] is None:
+                notes.append(f'{name}: could not be scored then: {run["error"]!s:.200}')
+            else:
+                runs.append(_recorded(file.parent, name, config, run))
+    return runs, list(dict.fromkeys(notes))
+
+
+def _parsed(file: Path) -> dict[str, Any]:
+    """Return what a manifest has, after its schema and the texts in it were checked."""
+    try:
+        with file.open('rb') as stream:
+            data = stream.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise ReadError(file, error.strerror or str(error)) from None
+    if len(data) > MAX_BYTES:
+        raise ReadError(file, f'is larger than {MAX_BYTES >> 20} MiB')
+    content = _of(json.loads(data, parse_constant=_refuse), dict)
+    if content['schema'] != SCHEMA:
+        raise ReadError(file, f'is of schema {content["schema"]}, not {SCHEMA}')
+    for digest, text in _of(content['texts'], dict).items():
+        if hashlib.sha256(text.encode()).hexdigest() != digest:
+            raise ValueError(f'text {digest[:12]} is not what it was')
+    return content
+
+
+def _recorded(
+    folder: Path, name: str, config: EvaluationConfig, run: Mapping[str, Any]
+) -> RecordedRun:
+    inputs = [_of(run[key], dict) for key in ('ground_truth', 'estimate')]
+    if run['causal'] is not None:
+        inputs.append(_of(run['causal'], dict))
+    result = _of(run['result'], dict)
+    if not _of(result['metrics'], dict):
+        raise ValueError('a result has no metrics')
+    return RecordedRun(
+        name,
+        tuple(str(folder / _of(one['spec'], str)) for one in inputs),
+        None if run['times'] is None else folder / _of(run['times'], str),
+        config,
+        tuple(_gate(_of(gate, dict)) for gate in _of(result['gates'], list)),
+        _files(folder, [file for one in inputs for file in _of(one['files'], list)]),
+        dict(_flat({part: result[part] for part in COMPARED})),
+    )
+
+
+def _differences(run: RecordedRun) -> Iterator[str]:
+    """Yield what is other than it was when the run was scored."""
+    yield from _changed(run.files)
+    if not all(map(_is_there, run.files)):
+        return
+    try:
+        result = _score(run)
+    except (VioEvalError, OSError) as error:
+        yield f'cannot be scored any more: {error}'
+        return
+    parts = result.to_dict()
+    # as it is after a round trip through JSON
+    now = dict(_flat(json.loads(json.dumps({part: parts[part] for part in COMPARED}))))
+    other = {
+        name: (was, now.get(name, 'absent'))
+        for name, was in run.values.items()
+        if name not in NAMES and (name not in now or now[name] != was)
+    }
+    for name in list(other)[:MOST_SHOWN]:
+        yield f'{_shown(name)} {_comparison(*other[name])}'
+    if len(other) > MOST_SHOWN:
+        most = max(other, key=lambda name: _share(*other[name]))
+        yield (
+            f'{len(other)} of {len(run.values)} values differ, most of all '
+            f'{_shown(most)}, which {_comparison(*other[most])}'
+        )
+
+
+def _score(run: RecordedRun) -> Result:
+    for path in (*(Spec.parse(spec).path for spec in run.specs), run.times):
+        if path is not None and not (path.is_file() or path.is_dir()):
+            raise ReadError(path, 'there is no such file')  # nor is a device one, or a pipe
+    truth, estimate, *causal = read_sources(run.specs, None, run.times)
+    if causal:
+        estimate = estimate.revising(causal[0])
+    check_names(run.gates, metric_names(run.config) if run.gates else ())
+    return score_run(estimate, truth, run.config, run.gates)
+
+
+def _changed(files: Mapping[Path, str | None]) -> Iterator[str]:
+    """Yield which files are not what they were."""
+    for path, digest in files.items():
+        if not _is_there(path):
+            yield f'{path} is missing'
+        elif sha256([path]) != digest:
+            yield f'{path} has changed'
+
+
+def _is_there(path: Path) -> bool:
+    try:
+        return path.is_file()
+    except (OSError, ValueError):  # such as a name that is too long
+        return False
+
+
+def _shown(name: str) -> str:
+    return name.removeprefix('metrics.')[:60]
+
+
+def _comparison(was: Any, now: Any) -> str:
+    text, share = f'was {was!s:.60}, is {now!s:.60}', _share(was, now)
+    return f'{text} ({now - was:+.2g}, {share:.2g} of it)' if share else text
+
+
+def _share(was: Any, now: Any) -> float:
+    """Return by how much of the larger of two numbers they differ; 0 of what is no number."""
+    try:
+        share = abs(now - was) / max(abs(now), abs(was))
+    except (TypeError, OverflowError):
+        return 0.0
+    return share if math.isfinite(share) else 0.0
+
+
+def _files(folder: Path, listed: Iterable[Any]) -> dict[Path, str | None]:
+    return {folder / _of(one['path'], str): one['sha256'] for one in listed}
+
+
+def _gate(gate: Mapping[str, Any]) -> Gate:
+    limit, severity = gate['limit'], gate['severity']
+    if gate['comparison'] not in LIMITS.values() or severity not in SEVERITIES:
+        raise ValueError('a gate compares otherwise than <= and >=')
+    return Gate(_of(gate['metric'], str), gate['comparison'], float(limit), severity)
+
+
+def _flat(value: Any, name: str = '') -> Iterator[tuple[str, Any]]:
+    """Yield each value in nested mappings and lists, by its dotted name."""
+    if isinstance(value, (dict, list)):
+        items = value.items() if isinstance(value, dict) else enumerate(value)
+        for key, item in items:
+            yield from _flat(item, f'{name}.{key}' if name else str(key))
+    else:
+        yield name, value
+
+
+def _of(value: Any, kind: type[Kind]) -> Kind:
+    """Return a value that must be of a kind."""
+    if not isinstance(value, kind):
+        raise TypeError(f'{kind.__name__} expected, not {type(value).__name__}')
+    return value
+
+
+def _refuse(constant: str) -> NoReturn:
+    raise ValueError(f'{constant} is no number of JSON')
