@@ -100,6 +100,12 @@ def test_a_path_without_stamps_gives_a_result_that_says_so(flight):
     assert any('no stamps of their own' in warning for warning in result.summary.warnings)
 
 
+def test_what_was_lost_on_the_way_is_a_warning_of_the_result(flight):
+    run = live(flight, 240)
+    run.notes = ['estimate: 7 messages on /estimate were lost; make it reliable']
+    assert run.result().summary.warnings[0] == run.notes[0]
+
+
 def test_max_pairs_bounds_what_a_run_keeps(flight):
     run = LiveRun(EvaluationConfig(), (), NAMES, max_pairs=100)
     for k in range(0, 240, 20):

@@ -320,6 +320,10 @@ BAD = {
     'start': ([DEMO, '--start', '100'], '--start 100: the recording is 60.0 s long'),
     'rate': ([DEMO, '--rate', '0'], 'argument --rate: must be more than 0'),
     'remap': ([DEMO, '--remap', '/a=/b'], "--remap '/a=/b': write OLD:=NEW"),
+    'remap of two': (
+        [DEMO, '--remap', '/vio/odometry:=/ground_truth/pose'],
+        '/ground_truth/pose and /vio/odometry would both be /ground_truth/pose',
+    ),
     'remap of nothing': ([DEMO, '--remap', '/a:=/b'], '/a is not played; topics: '),
 }
 

@@ -218,7 +218,7 @@ def test_a_baseline_is_read_as_it_was_written(baseline, tmp_path):
 
 
 def test_a_baseline_may_have_a_sequence_of_which_nothing_was_scored(tmp_path):
-    empty = Baseline('x', {'V1_02': Recorded(OPTIONS)})
+    empty = Baseline({}, {'V1_02': Recorded(OPTIONS)})
     (tmp_path / 'baseline.json').write_text(empty.to_json())
     assert Baseline.load(tmp_path / 'baseline.json') == empty
 
@@ -247,6 +247,7 @@ def test_a_truncated_baseline_is_damaged_wherever_it_ends(baseline, tmp_path):
         ('0.11', '[[]]', 'ate_trans_rmse_m has values that are no numbers'),
         ('"options": {', '"options": 3, "more": {', 'damaged one'),
         ('"sequences": {', '"sequences": [], "more": {', 'damaged one'),
+        ('"definition_sha256": {', '"definition_sha256": "00", "more": {', 'damaged one'),
     ],
 )
 def test_a_damaged_baseline_is_refused_in_one_line(baseline, tmp_path, old, new, problem):
@@ -312,15 +313,31 @@ def test_where_nothing_was_scored_the_ground_truth_is_not_known_to_differ(baseli
     assert baseline.check({'V1_02': Recorded(OPTIONS)}) == []
 
 
-def test_another_definition_of_the_metrics_is_an_error_that_says_so(baseline):
-    other = replace(baseline, definition_sha256='00' * 32)
-    with pytest.raises(ConfigError, match=r'metrics were defined otherwise.* --accept definition'):
+def test_another_definition_of_a_metric_is_an_error_that_says_of_which(baseline):
+    meant = definition_sha256()
+    problem = 'ate_trans_rmse_m, sim3_scale meant something else'
+    other = replace(
+        baseline, definition_sha256=meant | {'ate_trans_rmse_m': '00', 'sim3_scale': '00'}
+    )
+    with pytest.raises(ConfigError, match=f'{problem}.* --accept definition'):
         other.check({'V1_02': RECORDED})
-    assert other.check({}, ['definition']) == ['the metrics were defined otherwise']
+    assert other.check({}, ['definition']) == [problem]
+    all_others = replace(baseline, definition_sha256=dict.fromkeys(meant, '00'))
+    (text,) = all_others.check({}, ['definition'])
+    assert text.endswith(f' and {len(meant) - 3} more meant something else')
+
+
+def test_metrics_that_only_one_version_has_are_no_other_definition(baseline):
+    meant = definition_sha256()
+    more = replace(baseline, definition_sha256=meant | {'a_metric_of_before': '00'})
+    less = replace(baseline, definition_sha256={'sim3_scale': meant['sim3_scale']})
+    assert more.check({}) == less.check({}) == []
 
 
 def test_the_definition_changes_with_what_a_metric_means(monkeypatch):
     before = definition_sha256()
     assert definition_sha256() == before
     monkeypatch.setattr('vio_eval_ros.core.metrics.np.degrees', lambda radians: radians)
-    assert definition_sha256() != before
+    others = {name for name, digest in definition_sha256().items() if digest != before[name]}
+    assert 'ate_rot_rmse_deg' in others
+    assert 'ate_trans_rmse_m' not in others

@@ -221,6 +221,9 @@ class Evaluator(Node):
     def _finish(self, folder: Path) -> None:
         """Write and publish the result of the run; a folder that cannot be written is logged."""
         self._advance()
+        self.run.notes = [note for stream in self.streams for note in stream.notes()]
+        for note in self.run.notes:
+            self.get_logger().warning(note)
         result = None
         if self.settings.report_dir:
             try:

@@ -47,6 +47,8 @@ class LiveRun:
         max_pairs: int | None = None,
     ) -> None:
         self.config = config
+        #: what the user should know of how the poses came here, for the warnings of the result
+        self.notes: list[str] = []
         self._series = RunningSeries(config, max_pairs)
         self._rows = Rows()
         self._gates = gates
@@ -156,6 +158,7 @@ class LiveRun:
             except ReadError as error:
                 trouble = str(error)
         summary = evaluation.summary()
+        summary.warnings[:0] = self.notes
         if trouble:
             summary.warnings.append(trouble)
         if self._revisions is not None and self._given_up:

@@ -188,6 +188,10 @@ def _new_names(topics: Sequence[Topic], remap: Sequence[str]) -> dict[str, str]:
         if old not in names:
             raise ConfigError(f"--remap '{rule}': {old} is not played; {_listed(topics)}")
         names[old] = new
+    for name in names.values():
+        both = [old for old, new in names.items() if new.lstrip('/') == name.lstrip('/')]
+        if len(both) > 1:
+            raise ConfigError(f'--remap: {" and ".join(both)} would both be {name}')
     return names
 
 

@@ -150,6 +150,14 @@ class Stream:
             return poses(*columns)
         return self._collected(raw)
 
+    def notes(self) -> list[str]:
+        """Return what is missing of the stream: of lost messages no other figure tells."""
+        self._count_events()
+        if not self.lost:
+            return []
+        name = self.name.replace('_', ' ')
+        return [f'{name}: {self.lost} messages on {self.topic} were lost; make it reliable']
+
     def silent_s(self) -> float:
         """Return for how long nothing has come."""
         return time.monotonic() - self._last_received

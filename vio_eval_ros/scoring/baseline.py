@@ -36,6 +36,7 @@ RESAMPLES = 9999
 SEED = 0
 CONFIDENCE = 0.95
 TRIMMED = 0.2
+MOST_NAMED = 3
 #: what a baseline can have been made with otherwise, and still be compared on demand
 CONDITIONS = ('options', 'ground_truth', 'definition')
 HIGHER_IS_BETTER = ('coverage_ratio', 'matched_ratio')
@@ -257,10 +258,10 @@ class Baseline:
     """
     What the sequences of a suite gave before.
 
-    :param definition_sha256: of what the metrics meant, see :func:`definition_sha256`.
+    :param definition_sha256: of what each metric meant, see :func:`definition_sha256`.
     """
 
-    definition_sha256: str
+    definition_sha256: Mapping[str, str]
     sequences: Mapping[str, Recorded]
 
     @classmethod
@@ -276,7 +277,7 @@ class Baseline:
             if content['schema'] != SCHEMA:
                 raise ReadError(file, f'is of schema {content["schema"]}, not {SCHEMA}')
             sequences = {name: Recorded.of(one) for name, one in content['sequences'].items()}
-            return cls(str(content['definition_sha256']), sequences)
+            return cls(dict(content['definition_sha256']), sequences)
         except OSError as error:
             raise ReadError(file, error.strerror or str(error)) from None
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
@@ -289,7 +290,7 @@ class Baseline:
         content = {
             'schema': SCHEMA,
             'tool': {'name': 'vio_eval_ros', 'version': __version__},
-            'definition_sha256': self.definition_sha256,
+            'definition_sha256': dict(self.definition_sha256),
             'sequences': {
                 name: {
                     'options': dict(one.options),
@@ -317,8 +318,16 @@ class Baseline:
         :raises ConfigError: they differ otherwise; the message says which.
         """
         found: dict[tuple[str, str], list[str]] = {}
-        if self.definition_sha256 != definition_sha256():
-            found['definition', 'the metrics were defined otherwise'] = []
+        meant = definition_sha256()
+        others = [
+            name
+            for name, digest in self.definition_sha256.items()
+            if meant.get(name, digest) != digest
+        ]
+        if others:
+            more = f' and {len(others) - MOST_NAMED} more' if len(others) > MOST_NAMED else ''
+            named = ', '.join(others[:MOST_NAMED])
+            found['definition', f'{named}{more} meant something else'] = []
         for name, now in current.items():
             if name in self.sequences:
                 for difference in self.sequences[name].differences(now):
@@ -337,13 +346,12 @@ class Baseline:
         return [text for _, text in texts]
 
 
-def definition_sha256() -> str:
+def definition_sha256() -> dict[str, str]:
     """
-    Return a fingerprint of what the metrics mean: of the values that a made-up run gets.
+    Return a fingerprint of what each metric means: of the values that a made-up run gets.
 
-    Six digits, so that machines agree on it though their last bits differ.
+    Four digits of them, so that machines and versions agree that differ in the last bits.
     """
-    digest = hashlib.sha256()
     stamps_ns = np.arange(400) * 50_000_000
     seconds = stamps_ns[:, None] / 1e9
     positions = np.hstack([np.sin(seconds), np.cos(0.7 * seconds), np.sin(0.3 * seconds)]) * 5
@@ -357,6 +365,7 @@ def definition_sha256() -> str:
         rotation.multiply(wobble, turns),
         covariances,
     )[::2]
+    values: dict[str, list[str]] = {}
     for association in ('nearest', 'interpolate'):
         for alignment in ('none', 'posyaw', 'se3', 'sim3'):
             config = EvaluationConfig(
@@ -370,5 +379,8 @@ def definition_sha256() -> str:
             evaluation.add_ground_truth(truth)
             evaluation.flush()
             for name, value in evaluation.summary().metrics.items():
-                digest.update(f'{association} {alignment} {name} {value:.5e}\n'.encode())
-    return digest.hexdigest()
+                values.setdefault(name, []).append(f'{value:.3e}')
+    return {
+        name: hashlib.sha256(' '.join(of_runs).encode()).hexdigest()
+        for name, of_runs in values.items()
+    }
