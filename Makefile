@@ -49,8 +49,8 @@ format: $(TESTING)  ## lay out the code as the linter wants it
 	@$(IN_VENV) -m ruff check --fix --quiet
 	@$(IN_VENV) -m ruff format
 
-bench: $(TESTING)  ## compare speed and memory with evo, side by side
-	@$(IN_VENV) benchmarks/compare.py
+bench: $(TESTING)  ## compare speed and memory with evo and with a bare node, side by side
+	@$(IN_VENV) benchmarks
 
 accuracy: $(TESTING)  ## compare the figures with evo's on real runs
 	@$(IN_VENV) benchmarks/accuracy.py
