@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from vio_eval_ros.cli.replay import _sources
+from vio_eval_ros.cli.replay import sources_of
 from vio_eval_ros.cli.shell import add_options, config_of, FAILED, Parser, PASSED, progress, run
 from vio_eval_ros.core.trajectory import clean, Cleaning, Trajectory
 from vio_eval_ros.diagnosis.diagnosis import Cause, diagnose, Diagnosis, NAMES
@@ -105,7 +105,7 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.signals:
         return _signals(arguments)
     config = config_of(arguments)
-    estimate, truth = _sources(arguments)
+    estimate, truth = sources_of(arguments)
     poses = _cleaned(estimate)
     diagnosis = diagnose(poses, _cleaned(truth), config)
     gyroscope = _gyroscope(arguments, poses) if arguments.imu else None

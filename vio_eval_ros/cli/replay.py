@@ -144,7 +144,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     if gates:
         check_names(gates, metric_names(config))
 
-    estimate, truth = _sources(arguments)
+    estimate, truth = sources_of(arguments)
     targets = [*reports, *(target for target in (series, manifest) if target)]
     check_targets(targets, [*estimate.paths, *truth.paths])
     formats = {target.format for target in targets}
@@ -166,7 +166,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     return FAILED if result.passed is False else PASSED
 
 
-def _sources(arguments: argparse.Namespace) -> list[Source]:
+def sources_of(arguments: argparse.Namespace) -> list[Source]:
     """Return the estimate and the ground truth."""
     recording = arguments.recording
     specs = [arguments.estimate, arguments.ground_truth]

@@ -7,7 +7,8 @@ than its mere deserialisation elsewhere. What has arrived is evaluated once a se
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 import math
 from pathlib import Path
 import time
@@ -59,9 +60,11 @@ class Evaluator(Node):
     def __init__(self) -> None:
         super().__init__('vio_evaluator')
         self.config, self.settings = declare(self)
-        self.gates = gates_of(Path(self.settings.gates_file)) if self.settings.gates_file else []
-        file = self.settings.ground_truth_file
-        self.truth = read_sources([file])[0] if file else None
+        gates, file = self.settings.gates_file, self.settings.ground_truth_file
+        with _naming('gates_file'):
+            self.gates = gates_of(Path(gates)) if gates else []
+        with _naming('ground_truth_file'):
+            self.truth = read_sources([file])[0] if file else None
         self.estimate = Stream(self, 'estimate', self.settings.estimate_type)
         truth = Stream(self, 'ground_truth', '' if file else self.settings.ground_truth_type)
         self.streams = [self.estimate] if file else [self.estimate, truth]
@@ -267,6 +270,15 @@ class Evaluator(Node):
         except ConfigError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+
+@contextmanager
+def _naming(parameter: str) -> Iterator[None]:
+    """Name the parameter in front of what is wrong with its value."""
+    try:
+        yield
+    except VioEvalError as error:
+        raise ConfigError(f'{parameter}: {error}') from None
 
 
 def _publish(publishers: Mapping[str, Publisher], values: Mapping[str, float]) -> None:
