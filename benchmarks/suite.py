@@ -64,7 +64,7 @@ def of_evo(bench: Bench, folder: Path, count: int) -> tuple[dict[str, float], li
 
 
 def check(found: str, errors: Sequence[float]) -> None:
-    """Exit unless score found the errors that evo found, to the six decimals that that prints."""
+    """Exit unless score found the errors that evo found, to the six decimals that evo prints."""
     (sequence,) = json.loads(found)['sequences']
     for run, error in zip(sequence['runs'], errors, strict=True):
         if not abs(run['metrics']['ate_trans_rmse_m'] - error) < 1e-6:
@@ -93,9 +93,9 @@ def section(
     yield ''
     yield (
         f'{SIZES["euroc"].truths:,} true poses and {SIZES["euroc"].estimates:,} estimates a run, '
-        f'all of one sequence. `score` in {ROUNDS} rounds, before evo and after it; what it finds '
-        'is what evo finds, to the six decimals that that prints. It uses all '
-        f'{os.cpu_count()} cores and gives what one `replay` gives of every run, and the verdict.'
+        f'all of one sequence. `score` in {ROUNDS} rounds, before evo and after it. Both find the '
+        'same, to the six decimals that evo prints. `score` uses all '
+        f'{os.cpu_count()} cores and gives what `replay` gives of every run, and the verdict.'
     )
     yield ''
     yield machine('numpy', 'evo')

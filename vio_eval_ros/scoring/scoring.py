@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Generator, Iterable, Iterator, Mapping
 from contextlib import closing, suppress
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
@@ -257,7 +257,9 @@ def score_suite(
     )
 
 
-def _in_processes(work: list[tuple[Sequence, Run]], jobs: int) -> Iterator[tuple[int, RunResult]]:
+def _in_processes(
+    work: list[tuple[Sequence, Run]], jobs: int
+) -> Generator[tuple[int, RunResult], None, None]:
     """Yield number and result of each run, as they are finished."""
     waiting = iter(range(len(work)))
     workers: list[_Worker] = []
