@@ -10,8 +10,6 @@ NAME = 'vio_eval_ros'
 IMAGES = ['Pillow']
 IMU = ['allantools', 'matplotlib']
 REPORT = ['plotly']
-# permutation tests against baselines
-SCORE = ['scipy>=1.9']
 # ROS 2 Jazzy where none is installed; rclpy does not start without the second
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-rmw-fastrtps-cpp', 'ros-jazzy-common-interfaces']
 
@@ -51,13 +49,11 @@ setup(
         'imu': IMU,
         'report': REPORT,
         'ros': ROS,
-        'score': SCORE,
         'test': [
             *IMAGES,
             *IMU,
             *REPORT,
             *ROS,
-            *SCORE,
             'colcon-common-extensions',
             # the oracle; its newest releases need Python 3.11
             'evo==1.38.1; python_version >= "3.11"',
@@ -69,6 +65,8 @@ setup(
             'pytest',
             'pytest-xdist',
             'ruff',
+            # the oracle of the permutation test
+            'scipy>=1.15',
             'types-PyYAML',
             'types-tabulate',
             'types-tqdm',
