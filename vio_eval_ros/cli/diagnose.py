@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from vio_eval_ros.cli.replay import sources_of
+from vio_eval_ros.cli.inputs import add_inputs, sources_of
 from vio_eval_ros.cli.shell import add_options, config_of, FAILED, Parser, PASSED, progress, run
 from vio_eval_ros.core.trajectory import clean, Cleaning, Trajectory
 from vio_eval_ros.diagnosis.diagnosis import Cause, diagnose, Diagnosis, NAMES
@@ -47,23 +47,7 @@ def main(argv: list[str] | None = None) -> int:
 
 def _parser() -> Parser:
     parser = Parser(prog=VERB, description=__doc__, epilog=EXAMPLES)
-    parser.add_argument(
-        'recording',
-        nargs='?',
-        type=Path,
-        metavar='RECORDING',
-        help='ROS 1 .bag, rosbag2 folder, .db3 or .mcap',
-    )
-    parser.add_argument(
-        '--estimate',
-        metavar='SPEC',
-        help='/topic, /tf:PARENT.CHILD, a file, or RECORDING:/topic, as in replay '
-        '(default: the only one there is)',
-    )
-    parser.add_argument('--ground-truth', metavar='SPEC', help='the same for the ground truth')
-    parser.add_argument(
-        '--times', type=Path, metavar='FILE', help='the stamps [s] of KITTI pose files, one a line'
-    )
+    add_inputs(parser)
     others = parser.add_argument_group('other comparisons')
     others.add_argument(
         '--imu',

@@ -6,22 +6,22 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from vio_eval_ros.cli.inputs import add_inputs, sources_of
 from vio_eval_ros.cli.shell import (
     add_options,
     config_of,
     FAILED,
     Parser,
     PASSED,
-    progress,
     run,
     UNABLE,
 )
-from vio_eval_ros.cli.targets import check_targets, Target, written
+from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names, running_series
 from vio_eval_ros.core.gates import check_names, Gate
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.recordings.sources import default_topics, read_sources, Source, Spec
+from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.result import Result
 from vio_eval_ros.reports.tables import series_csv
@@ -57,35 +57,9 @@ def _parser() -> Parser:
         description=__doc__,
         epilog=EXAMPLES,
     )
-    parser.add_argument(
-        'recording',
-        nargs='?',
-        type=Path,
-        metavar='RECORDING',
-        help='ROS 1 .bag, rosbag2 folder, .db3 or .mcap',
-    )
-    parser.add_argument(
-        '--estimate',
-        metavar='SPEC',
-        help='/topic, /tf:PARENT.CHILD, a file, or RECORDING:/topic; what is '
-        'unusual in it behind a ?: quaternion=wxyz, stamps=ns, invert=pose '
-        '(default: the only one there is)',
-    )
-    parser.add_argument('--ground-truth', metavar='SPEC', help='the same for the ground truth')
-    parser.add_argument(
-        '--times', type=Path, metavar='FILE', help='the stamps [s] of KITTI pose files, one a line'
-    )
+    add_inputs(parser)
     output = parser.add_argument_group('output')
-    output.add_argument(
-        '--json', action='store_true', help='print the result as JSON, and nothing else, on stdout'
-    )
-    output.add_argument(
-        '--report',
-        action='append',
-        default=[],
-        metavar='FORMAT:PATH',
-        help=f'write a report; {", ".join(REPORTS)}; may be repeated',
-    )
+    add_reports(output, REPORTS)
     output.add_argument(
         '--series',
         metavar='csv:PATH',
@@ -164,23 +138,6 @@ def _replay(arguments: argparse.Namespace) -> int:
     if not all(done):
         return UNABLE
     return FAILED if result.passed is False else PASSED
-
-
-def sources_of(arguments: argparse.Namespace) -> list[Source]:
-    """Return the estimate and the ground truth."""
-    recording = arguments.recording
-    specs = [arguments.estimate, arguments.ground_truth]
-    if None in specs:
-        if recording is None:
-            raise ConfigError('give a RECORDING, or both --estimate and --ground-truth')
-        defaults = default_topics(recording, *specs)
-        specs = [given or default for given, default in zip(specs, defaults, strict=True)]
-    elif recording is not None and all(Spec.parse(spec).path for spec in specs):
-        raise ConfigError(f'{recording} is not used: --estimate and --ground-truth are elsewhere')
-    sources = read_sources(specs, recording, arguments.times, progress)
-    if arguments.times is not None and not any(source.kind == 'kitti' for source in sources):
-        raise ConfigError('--times goes with KITTI pose files, and neither input is one')
-    return sources
 
 
 def _series(

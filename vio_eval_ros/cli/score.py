@@ -11,7 +11,7 @@ import sys
 from typing import Any
 
 from vio_eval_ros.cli.shell import complain, FAILED, Parser, PASSED, run, UNABLE
-from vio_eval_ros.cli.targets import check_targets, Target, written
+from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.reports.text import printable
 from vio_eval_ros.scoring.baseline import Baseline, CONDITIONS, definition_sha256, Recorded
@@ -87,16 +87,7 @@ def _parser() -> Parser:
         help='compare though these were others for the baseline: ' + ', '.join(CONDITIONS),
     )
     output = parser.add_argument_group('output')
-    output.add_argument(
-        '--json', action='store_true', help='print the result as JSON, and nothing else, on stdout'
-    )
-    output.add_argument(
-        '--report',
-        action='append',
-        default=[],
-        metavar='FORMAT:PATH',
-        help=f'write a report; {", ".join(SUITE_REPORTS)}; may be repeated',
-    )
+    add_reports(output, SUITE_REPORTS)
     output.add_argument(
         '--manifest',
         type=Path,

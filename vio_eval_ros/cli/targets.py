@@ -4,11 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from vio_eval_ros.cli.shell import complain
 from vio_eval_ros.errors import ConfigError, VioEvalError
 from vio_eval_ros.reports import write
+
+
+def add_reports(group: Any, formats: Iterable[str]) -> None:
+    """Add ``--json`` and ``--report`` to the output group of a parser."""
+    group.add_argument(
+        '--json', action='store_true', help='print the result as JSON, and nothing else, on stdout'
+    )
+    group.add_argument(
+        '--report',
+        action='append',
+        default=[],
+        metavar='FORMAT:PATH',
+        help=f'write a report; {", ".join(formats)}; may be repeated',
+    )
 
 
 class Target(NamedTuple):

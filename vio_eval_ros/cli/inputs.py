@@ -1,0 +1,49 @@
+"""What verbs compare: an estimate and a ground truth, of a recording or from files."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+
+from vio_eval_ros.cli.shell import progress
+from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.recordings.sources import default_topics, read_sources, Source, Spec
+
+
+def add_inputs(parser: argparse.ArgumentParser) -> None:
+    """Add RECORDING, ``--estimate``, ``--ground-truth`` and ``--times``."""
+    parser.add_argument(
+        'recording',
+        nargs='?',
+        type=Path,
+        metavar='RECORDING',
+        help='ROS 1 .bag, rosbag2 folder, .db3 or .mcap',
+    )
+    parser.add_argument(
+        '--estimate',
+        metavar='SPEC',
+        help='/topic, /tf:PARENT.CHILD, a file, or RECORDING:/topic; what is '
+        'unusual in it behind a ?: quaternion=wxyz, stamps=ns, invert=pose '
+        '(default: the only one there is)',
+    )
+    parser.add_argument('--ground-truth', metavar='SPEC', help='the same for the ground truth')
+    parser.add_argument(
+        '--times', type=Path, metavar='FILE', help='the stamps [s] of KITTI pose files, one a line'
+    )
+
+
+def sources_of(arguments: argparse.Namespace) -> list[Source]:
+    """Return the estimate and the ground truth."""
+    recording = arguments.recording
+    specs = [arguments.estimate, arguments.ground_truth]
+    if None in specs:
+        if recording is None:
+            raise ConfigError('give a RECORDING, or both --estimate and --ground-truth')
+        defaults = default_topics(recording, *specs)
+        specs = [given or default for given, default in zip(specs, defaults, strict=True)]
+    elif recording is not None and all(Spec.parse(spec).path for spec in specs):
+        raise ConfigError(f'{recording} is not used: --estimate and --ground-truth are elsewhere')
+    sources = read_sources(specs, recording, arguments.times, progress)
+    if arguments.times is not None and not any(source.kind == 'kitti' for source in sources):
+        raise ConfigError('--times goes with KITTI pose files, and neither input is one')
+    return sources
