@@ -297,7 +297,7 @@ def test_nothing_but_json_and_no_progress_bar_in_a_pipe(flight):
         ((), 'give a RECORDING, or both --estimate and --ground-truth'),
         (('nowhere.bag',), 'there is no such file'),
         (('--alignment', 'se'), "did you mean 'se3'?"),
-        (('--rpe-deltas', '1q'), "'1q' is no delta"),
+        (('--rpe-deltas', '1q'), "rpe_deltas: '1q' is no delta"),
         (('--rpe-deltas', '1.5f'), 'whole numbers'),
         (('--max-difference-s', '-1'), 'max_difference_s: -1 is below 0'),
         (('--max-gap-s', 'nan'), 'max_gap_s'),

@@ -48,6 +48,15 @@ def test_it_holds_within_a_degree(spread):
     assert not moments.holds(turned(centre, np.radians(40)))
 
 
+@given(st.integers(0, 99), st.sampled_from([0.003, 0.01, 0.03]), st.sampled_from([0.5, 1.5, 3.0]))
+def test_rare_outliers_are_not_overlooked(seed, angle, far):
+    centre, rotations = scattered(seed, 1e-3)
+    rotations[:3] = turned(centre, far)
+    moments, other = AngleMoments.of(rotations, centre), turned(centre, angle)
+    if moments.holds(other):
+        assert moments.mean_square(other) == pytest.approx(mean_square(rotations, other), rel=1e-9)
+
+
 def test_the_sign_of_a_quaternion_does_not_matter():
     centre, rotations = scattered(6, 0.1)
     moments, other = AngleMoments.of(rotations, centre), turned(centre, 0.01)

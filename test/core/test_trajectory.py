@@ -111,8 +111,8 @@ def test_selecting_and_joining_keep_the_columns_together():
     assert len(Trajectory.concatenate([Trajectory.empty(), Trajectory.empty()])) == 0
 
 
-@given(st.lists(st.integers(0, 5), max_size=12))
-def test_the_log_returns_all_pairs_in_order_whatever_the_batches(sizes):
+@given(st.lists(st.integers(0, 5), max_size=12), st.sampled_from([0, 3, 100, 10**15]))
+def test_the_log_returns_all_pairs_in_order_whatever_the_batches(sizes, capacity):
     count = sum(sizes)
     rng = np.random.default_rng(count)
     whole = Pairs(
@@ -122,7 +122,7 @@ def test_the_log_returns_all_pairs_in_order_whatever_the_batches(sizes):
         ),
         rng.normal(size=(count, 2, 6)).astype(np.float32),
     )
-    log, begin = PairLog(), 0
+    log, begin = PairLog(capacity), 0
     for size in sizes:
         log.append(whole[begin : begin + size])
         begin += size

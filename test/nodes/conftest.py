@@ -62,22 +62,25 @@ class Process:
             text=True,
         )
         self.has_ended = False
+        self.told: list[str] = []
 
     def tell(self, number: int) -> None:
         """Send a signal."""
         self.process.send_signal(number)
 
     def ended(self, status: int = 0) -> str:
-        """Return all that it said; fail where it does not end soon, and as it should."""
+        """Return what it complained of; fail where it does not end soon, and as it should."""
         said, _ = self.process.communicate(timeout=LIMIT_S)
         self.has_ended = True
         assert self.process.returncode == status, said
         assert 'Traceback' not in said
         assert 'this is a bug' not in said
-        return said
+        lines = said.splitlines(keepends=True)
+        self.told = [line.partition(']: ')[2].rstrip() for line in lines if '[INFO]' in line]
+        return ''.join(line for line in lines if '[INFO]' not in line)
 
     def stop(self, status: int = 0) -> str:
-        """End it as Ctrl-C does; return all that it said."""
+        """End it as Ctrl-C does; return what it complained of."""
         self.tell(signal.SIGINT)
         return self.ended(status)
 

@@ -138,13 +138,16 @@ def test_parameters_that_do_not_change_the_score_can_be_set(
 
     assert set_to('alignment', 'sim3') == 'Trying to set a read-only parameter: alignment.'
     assert set_to('window_s', 'long') == "window_s: 'long' is not a finite number"
-    assert set_to('window_s', -1) == 'window_s: -1 is below 0'
-    assert 'out of range' in set_to('window_s', -1.0)
+    assert set_to('window_s', 0) == 'window_s: 0 is below 0.1'
+    assert 'out of range' in set_to('window_s', 0.0)
     assert (
         set_to('exit_code_from_gates', 3) == "exit_code_from_gates: '3' is neither true nor false"
     )
     assert set_to('window_s', 5) == ''
     assert set_to('stale_after_s', 0.5) == ''
+    taken = tmp_path / 'taken'
+    taken.write_text('a file')
+    assert set_to('report_dir', str(taken)).startswith(f'{taken}: cannot write')
     assert set_to('report_dir', str(tmp_path)) == ''
     flown()
     graph.wait_for('streams', 'STALE')

@@ -186,11 +186,11 @@ def test_a_disk_that_fills_up_on_the_way_leaves_the_old_report_whole(flight, tmp
 
 
 def test_a_tracking_reset_is_noticed_with_its_stamp_and_size(flight):
-    assert live(flight, 20).jump is None
+    assert live(flight, 20).largest_jump() is None
     shifted = flight.estimate.positions.copy()
     shifted[100:] += [0, 0, 3]
     run = live(replace(flight, estimate=replace(flight.estimate, positions=shifted)), 20)
-    stamp_ns, size_m = run.jump
+    stamp_ns, size_m = run.largest_jump()
     assert stamp_ns == flight.estimate.stamps_ns[100]
     assert size_m == pytest.approx(3, abs=0.2)
 

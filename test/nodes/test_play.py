@@ -318,7 +318,8 @@ BAD = {
         '(geometry_msgs/msg/PoseStamped, 12000), /vio/odometry',
     ),
     'start': ([DEMO, '--start', '100'], '--start 100: the recording is 60.0 s long'),
-    'rate': ([DEMO, '--rate', '0'], 'argument --rate: must be more than 0'),
+    'rate': ([DEMO, '--rate', '0'], "argument --rate: '0' is not a number above 0"),
+    'no rate': ([DEMO, '--rate', 'nan'], "argument --rate: 'nan' is not a number above 0"),
     'remap': ([DEMO, '--remap', '/a=/b'], "--remap '/a=/b': write OLD:=NEW"),
     'remap of two': (
         [DEMO, '--remap', '/vio/odometry:=/ground_truth/pose'],
@@ -337,6 +338,12 @@ def test_what_cannot_be_done_is_said_in_one_line(play, case):
 @needs_ros
 def test_a_name_that_no_topic_may_have_is_said_in_one_line(play):
     assert '--remap' in complaint(play(DEMO, '--remap', '/vio/odometry:=/not a name'))
+
+
+@needs_ros
+def test_a_recording_that_nobody_listens_to_is_told(play):
+    said = ended(play(DEMO, '--rate', '100', '--topics', '/vio/odometry', '--duration', '5'))
+    assert said.splitlines()[-1] == 'play: nobody subscribes to /vio/odometry'
 
 
 @needs_ros

@@ -1,6 +1,6 @@
 """Where a stream jumps back in time the next run begins; a late pose is no jump."""
 
-from dataclasses import replace
+from dataclasses import dataclass, field, replace
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -8,9 +8,17 @@ import numpy as np
 import pytest
 
 from vio_eval_ros.core.trajectory import Poses
-from vio_eval_ros.nodes.runs import MIN_JUMPED, MOST_WAITING, PathQueue, RunQueue
+from vio_eval_ros.nodes.runs import (
+    LAG_S,
+    MIN_JUMPED,
+    MOST_WAITING,
+    PathQueue,
+    RunQueue,
+    why_the_run_ends,
+)
 
 S = 1_000_000_000
+NOW_S = 500.0
 LOOP = 100 * S + np.arange(0, 20 * S, S // 10)
 
 
@@ -23,7 +31,7 @@ def runs_of(*batches) -> list[list[int]]:
     """Return the stamps of each run, where they arrive in batches."""
     queue = RunQueue()
     for batch in batches:
-        queue.add(poses(batch))
+        queue.add(poses(batch), NOW_S)
     queue.release()
     runs = [queue.take().stamps_ns.tolist()]
     while queue.jumps:
@@ -70,7 +78,7 @@ def test_a_stamp_far_in_the_future_costs_a_run_and_no_more():
 
 def test_a_jump_tells_from_where_and_to_where():
     queue = RunQueue()
-    queue.add(poses(np.tile(LOOP, 2)))
+    queue.add(poses(np.tile(LOOP, 2)), NOW_S)
     (jump,) = queue.jumps
     assert str(jump) == 'jumped back from 119.9 to 100.0 s'
     assert (queue.oldest_ns, queue.newest_ns) == (LOOP[0], LOOP[-1])
@@ -78,10 +86,10 @@ def test_a_jump_tells_from_where_and_to_where():
 
 def test_a_run_may_end_though_the_stream_goes_on():
     queue = RunQueue()
-    queue.add(poses(LOOP))
+    queue.add(poses(LOOP), NOW_S)
     assert len(queue.take()) == len(LOOP)
     queue.next_run()
-    queue.add(poses(LOOP[50:]))  # earlier, but that is not held against the new run
+    queue.add(poses(LOOP[50:]), NOW_S)  # earlier, but that is not held against the new run
     assert not queue.jumps
     assert len(queue.take()) == len(LOOP) - 50
 
@@ -89,8 +97,8 @@ def test_a_run_may_end_though_the_stream_goes_on():
 def test_two_clocks_on_one_topic_do_not_split_for_ever():
     queue = RunQueue()
     for k in range(50):
-        queue.add(poses(LOOP[:10] + k * S))
-        queue.add(poses(LOOP[:10] - 3600 * S + k * S))
+        queue.add(poses(LOOP[:10] + k * S), NOW_S)
+        queue.add(poses(LOOP[:10] - 3600 * S + k * S), NOW_S)
     assert len(queue.jumps) == MOST_WAITING
     taken = 0
     while True:
@@ -99,6 +107,56 @@ def test_two_clocks_on_one_topic_do_not_split_for_ever():
             break
         queue.next_run()
     assert taken == 1000
+
+
+@dataclass
+class Received:
+    """What the end of a run depends on, of a stream."""
+
+    topic: str
+    received_s: float = NOW_S
+    runs: RunQueue = field(default_factory=RunQueue)
+
+    def receive(self, stamps_ns, now_s: float) -> None:
+        self.received_s = now_s
+        self.runs.add(poses(stamps_ns), now_s)
+
+
+def two_loops(which: Received, *others: Received) -> None:
+    for stream in (which, *others):
+        stream.receive(LOOP, NOW_S)
+    which.receive(LOOP, NOW_S)
+
+
+def test_a_run_ends_when_both_streams_have_jumped():
+    estimate, truth = Received('/estimate'), Received('/truth')
+    two_loops(estimate, truth)
+    assert why_the_run_ends([estimate, truth], NOW_S) == ''
+    truth.receive(LOOP, NOW_S + 1)
+    assert why_the_run_ends([estimate, truth], NOW_S + 1) == (
+        '/estimate jumped back from 119.9 to 100.0 s'
+    )
+
+
+def test_a_stream_that_lags_is_waited_for_but_not_for_ever():
+    estimate, truth = Received('/estimate'), Received('/truth')
+    two_loops(estimate, truth)
+    for now_s in np.arange(NOW_S, NOW_S + LAG_S, 0.5):
+        truth.receive([LOOP[-1]], now_s)
+        assert why_the_run_ends([estimate, truth], now_s) == ''
+    assert why_the_run_ends([estimate, truth], NOW_S + LAG_S) != ''
+
+
+def test_a_stream_that_is_silent_is_not_waited_for():
+    estimate, truth = Received('/estimate'), Received('/truth', received_s=NOW_S - LAG_S)
+    two_loops(estimate)
+    assert why_the_run_ends([estimate, truth], NOW_S) != ''
+
+
+def test_at_the_end_nothing_is_waited_for():
+    estimate, truth = Received('/estimate'), Received('/truth')
+    two_loops(estimate, truth)
+    assert why_the_run_ends([estimate, truth], NOW_S, at_once=True) != ''
 
 
 def path(begin_s: float, end_s: float) -> Poses:
@@ -111,9 +169,9 @@ def paths_of(*messages: Poses) -> tuple[PathQueue, RunQueue]:
     paths, runs = PathQueue('/path'), RunQueue()
     for message in messages:
         for new in paths.add(message):
-            runs.add(new)
+            runs.add(new, NOW_S)
     for new in paths.release():
-        runs.add(new)
+        runs.add(new, NOW_S)
     return paths, runs
 
 

@@ -65,7 +65,25 @@ def test_a_signal_while_it_runs_ends_it_with_its_report(
     node.tell(number)
     assert node.ended() == ''
     assert {path.name for path in tmp_path.iterdir()} == REPORT
-    assert json.loads((tmp_path / 'result.json').read_text())['association']['pairs'] == 400
+    result = json.loads((tmp_path / 'result.json').read_text())
+    assert result['association']['pairs'] == 400
+    ate_m, ate_deg = (
+        result['metrics'][f'ate_{name}'] for name in ('trans_rmse_m', 'rot_rmse_deg')
+    )
+    assert node.told == [
+        'waiting for /estimate (estimate) and /ground_truth (ground truth)',
+        f'run 1: 400 pairs, 99.8 % covered, ATE {ate_m:.4g} m, {ate_deg:.4g} deg; '
+        f'the report is in {tmp_path}',
+    ]
+
+
+def test_a_run_without_pairs_says_why(graph, ros, evaluator, flight):
+    node = evaluator()
+    ros.send(graph.publisher('/estimate', ros.ESTIMATE), flight.estimate)
+    graph.wait_for('streams', 'any', estimate_received=400)
+    assert node.stop() == ''
+    assert node.told[-1].startswith('run 1: no pairs yet: estimate spans')
+    assert node.told[-1].endswith('no ground truth yet')
 
 
 def test_more_signals_do_no_harm_to_the_report_that_is_written(
@@ -94,6 +112,7 @@ def test_a_folder_that_cannot_be_written_does_not_end_it(graph, ros, evaluator, 
     taken = tmp_path / 'taken'
     taken.write_text('a file')
     node = evaluator(f'report_dir:={taken}')
+    graph.wait_for('accuracy', 'WARN', f'no pairs yet; {taken}: cannot write: ')  # in good time
     estimate, truth = graph.both()
     ros.send(truth, flight.ground_truth)
     ros.send(estimate, flight.estimate)

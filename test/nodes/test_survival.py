@@ -166,6 +166,29 @@ def test_two_publishers_of_a_stream_are_named(graph, another, ros, evaluator, fl
     graph.wait_for('streams', 'OK', 'running')
 
 
+def test_two_evaluators_of_one_name_are_told(graph, evaluator):
+    evaluator()
+    second = evaluator()
+    graph.wait_for('streams', 'WARN', 'there is another /vio_evaluator')
+    second.stop()
+    graph.processes.remove(second.process)
+    graph.wait_until(
+        lambda: 'another' not in graph.statuses['streams'].message, 'the one that is left'
+    )
+
+
+def test_a_vehicle_that_stands_still_tells_nothing_yet(graph, ros, evaluator, flight):
+    evaluator()
+    estimate, truth = graph.both()
+    for publisher, poses in ((estimate, flight.estimate), (truth, flight.ground_truth)):
+        still = np.zeros(len(poses), int)
+        ros.send(
+            publisher,
+            replace(poses, positions=poses.positions[still], rotations=poses.rotations[still]),
+        )
+    graph.wait_for('accuracy', 'WARN', 'the alignment is not determined yet', pairs=381)
+
+
 def test_a_quality_of_service_that_nobody_offers_is_named(graph, ros, evaluator, flight):
     evaluator(reliable=True)
     unreliable = graph.publisher('/estimate', ros.ESTIMATE, reliable=False, matched=False)

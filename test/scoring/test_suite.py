@@ -226,7 +226,7 @@ GLOB = 'runs/one/*.tum'
         ('_rmse_m: {max: 0.3', '_rms_m: {max: 0.3', "; did you mean 'ate_trans_rmse_m'?"),
         ('alignment: se3', 'alinment: se3', "line 1: unknown option 'alinment'; did you mean"),
         ('alignment: sim3', 'alignment: sim', "line 11: alignment: 'sim' is not one of"),
-        ('alignment: se3', 'rpe_deltas: [1q]', "line 1: '1q' is no delta"),
+        ('alignment: se3', 'rpe_deltas: [1q]', "line 1: rpe_deltas: '1q' is no delta"),
         ('alignment: sim3', 'start_s: 5, end_s: 4', 'line 11: start_s: 5 is not before end_s: 4'),
         ('estimate: runs/two', 'estmate: x', "line 9: there is no 'estmate' here; did you mean"),
         ('name: two', 'name: one', "line 8: there are two sequences 'one'"),

@@ -10,7 +10,7 @@ import numpy as np
 from vio_eval_ros.core.rotation import conjugate, multiply
 from vio_eval_ros.core.trajectory import blocks
 
-ORDERS = 4
+ORDERS = 5
 # what may be left out, of the mean square
 TRUNCATION = 1e-10
 ROUNDING = 1e-14
@@ -42,13 +42,13 @@ class AngleMoments:
 
     For unit quaternions the squared angle is an analytic function of the product c = q·a, and c is
     linear in q: with q = q₀ + d its Taylor series is Σ gₖ(q₀·a) (d·a)ᵏ, so sums of gₖ a⊗...⊗a are
-    all that is needed. Near q₀ both q and a are nearly perpendicular to d: four terms are exact to
-    ten digits for a q within a degree of the reference. Everything is kept as seen from q₀, where
-    small angles are small numbers.
+    all that is needed. Near q₀ both q and a are nearly perpendicular to d: five terms are exact to
+    ten digits for a q within a few degrees of the reference. Everything is kept as seen from q₀,
+    where small angles are small numbers.
 
     :param count: N.
     :param reference: (4,) unit quaternion q₀.
-    :param sums: of gₖ a⊗...⊗a: a number, (4,), (4, 4) and (4, 4, 4).
+    :param sums: of gₖ a⊗...⊗a: a number, (4,), (4, 4), (4, 4, 4) and (4, 4, 4, 4).
     :param closest: smallest q₀·a.
     """
 
@@ -86,11 +86,17 @@ class AngleMoments:
     def holds(self, rotation: np.ndarray) -> bool:
         """Whether the rotation is so near to the reference that the mean square is exact."""
         step = self._step(rotation)
-        # the first term left out goes with (d·a)⁴, this one with (d·a)²
-        squares = float(step @ self.sums[2] @ step) / max(self.count, 1)
-        return math.sqrt(
-            step @ step
-        ) <= self.closest / 2 + ROUNDING and squares**2 <= TRUNCATION * self.mean_square(rotation)
+        length = math.sqrt(step @ step)
+        if length > self.closest / 2 + ROUNDING:
+            return False
+        last = self.sums[-1]
+        for _ in range(ORDERS - 1):
+            last = last @ step
+        # Of θ² by c, g₄ is positive and |gₖ₊₁| < |gₖ| / (1 + c), the distance to where it has a
+        # branch: what is left out is smaller than a geometric series behind the last term.
+        ratio = length / (1 + self.closest)
+        left_out = float(last) / max(self.count, 1) * ratio / (1 - ratio)
+        return left_out <= TRUNCATION * self.mean_square(rotation)
 
     def _step(self, rotation: np.ndarray) -> np.ndarray:
         """Return d, as seen from the reference."""
@@ -111,6 +117,7 @@ def _of_block(rotations: np.ndarray, reference: np.ndarray) -> AngleMoments:
         weights[1] @ a,
         (weights[2] @ squares).reshape(4, 4),
         ((a.T * weights[3]) @ squares).reshape(4, 4, 4),
+        ((squares.T * weights[4]) @ squares).reshape(4, 4, 4, 4),
     )
     return AngleMoments(len(a), reference, sums, 1 - float(u.max(initial=0.0)))
 

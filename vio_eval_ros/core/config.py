@@ -146,7 +146,10 @@ class EvaluationConfig(Options):
     def __post_init__(self) -> None:
         """Check every option by itself, and against the others."""
         super().__post_init__()
-        deltas = tuple(str(Delta.parse(delta)) for delta in self.rpe_deltas)
+        try:
+            deltas = tuple(str(Delta.parse(delta)) for delta in self.rpe_deltas)
+        except ConfigError as error:
+            raise ConfigError(f'rpe_deltas: {error}') from None
         object.__setattr__(self, 'rpe_deltas', tuple(dict.fromkeys(deltas)))
         if self.start_s >= self.end_s:
             raise ConfigError(f'start_s: {self.start_s:g} is not before end_s: {self.end_s:g}')

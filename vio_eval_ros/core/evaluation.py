@@ -14,7 +14,7 @@ Live node, ``replay`` and ``score`` all drive this one class::
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import Any
 
@@ -63,7 +63,7 @@ class Evaluation:
         self.associator = Associator(config)
         #: the same run as first published, where its estimate was revised since
         self.causal: Evaluation | None = None
-        self._log = PairLog()
+        self._log = PairLog(2 * (max_pairs or 0))  # it is a little longer before it is thinned
         self._max_pairs = max_pairs
         self._difference_sum_ns = 0
         self._difference_max_ns = 0
@@ -152,7 +152,7 @@ class Evaluation:
         for metric in self._metrics:
             metrics |= metric.final(run)
         if self._log.dropped:
-            metrics |= self._running(run)
+            metrics |= self._running(replace(run, warnings=[]))  # those are there already
         return Summary(pairs, self._association(metrics), alignment, metrics, warnings)
 
     def no_pairs(self) -> str:
@@ -208,7 +208,7 @@ class Evaluation:
         """Return the moments of the pairs of the first ``align_first_s`` seconds."""
         if self._first is not None:
             return self._first
-        pairs = self._log.all()
+        pairs = self._log.evenly()
         stamps = pairs.estimate.stamps_ns
         if not len(stamps):
             return Moments.empty()
@@ -275,6 +275,8 @@ class RunningSeries:
 
     def __init__(self, config: EvaluationConfig, max_pairs: int | None = None) -> None:
         self.evaluation = Evaluation(config, max_pairs)
+        #: of all pairs, once :meth:`rest` has come to its end
+        self.summary: Summary | None = None
         self._offset_ns = nanoseconds(config.time_offset_s)
         associator = self.evaluation.associator
         limit = None if max_pairs is None else MOST_WAITING * max_pairs
@@ -312,8 +314,8 @@ class RunningSeries:
         newest_ns = max(self._estimate.newest_ns, self._ground_truth.newest_ns)
         self._release(newest_ns)
         self.evaluation.flush()
-        summary = self.evaluation.summary()
-        final = summary.association | summary.metrics
+        self.summary = self.evaluation.summary()
+        final = self.summary.association | self.summary.metrics
         yield newest_ns, {name: final[name] for name in self.evaluation.running()}
 
     def waiting_for(self) -> str:

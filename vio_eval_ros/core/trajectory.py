@@ -18,6 +18,7 @@ MIN_QUATERNION_NORM = 1e-6
 UNIT_QUATERNION_TOLERANCE = 1e-2
 LARGEST = 1e100
 BLOCK_ROWS = 1 << 13
+MOST_SET_ASIDE = 1 << 22
 SINGULAR = 1e-12
 COLUMNS = ('stamps_ns', 'positions', 'rotations', 'covariances')
 
@@ -190,9 +191,13 @@ class PairLog:
 
     All are kept until :meth:`thin` is called. ``count`` pairs were appended; of those from
     ``first_of_all`` on none is missing.
+
+    :param capacity: for how many pairs addresses are set aside at once. Memory is taken as they
+        are filled, and no more of it than that: growing in steps would leave holes behind.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, capacity: int = 0) -> None:
+        self._capacity = min(capacity, MOST_SET_ASIDE)
         self.count = 0
         self.first_of_all = 0
         self._kept = 0
@@ -276,7 +281,8 @@ class PairLog:
             return None
         end = self._kept + len(new)
         if end > len(column):
-            bigger = np.empty((max(end, 2 * len(column)), *column.shape[1:]), column.dtype)
+            rows = max(end, 2 * len(column), self._capacity)
+            bigger = np.empty((rows, *column.shape[1:]), column.dtype)
             bigger[: self._kept] = column[: self._kept]
             column = bigger
         column[self._kept : end] = new

@@ -2,18 +2,30 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 import signal
 import sys
 
 from vio_eval_ros.cli.shell import Parser, run
+from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.errors import ReadError
+from vio_eval_ros.nodes.options import NodeConfig
 
-EXAMPLE = """
+HELP = """
 example:
   evaluator --ros-args -r estimate:=/vio/odometry -r ground_truth:=/ground_truth/pose \\
       -p alignment:=se3 -p report_dir:=report
 
-Every option of an evaluation is a parameter; config/evaluator.yaml has them all.
+topics in:   estimate, ground_truth (remap them), /clock where use_sim_time is true
+topics out:  /diagnostics, ~/metrics/NAME, ~/window/NAME, ~/result, ~/estimate_aligned,
+             ~/ground_truth_path, ~/error_markers
+services:    ~/write_report, ~/reset (std_srvs/Trigger)
+
+parameters (config/evaluator.yaml has them all):
+{parameters}
+
+exit status: 0 ended by SIGINT or SIGTERM, 1 a gate failed and exit_code_from_gates is true, 2 a
+parameter was wrong or the report could not be written
 """
 TO_STOP = (signal.SIGINT, signal.SIGTERM)
 
@@ -26,11 +38,23 @@ def main(argv: list[str] | None = None) -> int:
         signal.signal(number, lambda number, _: told.append(number))
     arguments = sys.argv[1:] if argv is None else argv
     ours = arguments[: arguments.index('--ros-args')] if '--ros-args' in arguments else arguments
-    Parser(prog='evaluator', description=__doc__, epilog=EXAMPLE).parse_args(ours)
+    Parser(prog='evaluator', description=__doc__, epilog=_help()).parse_args(ours)
     status = run('evaluator', lambda: _evaluate(['evaluator', *arguments], told))
     for number in TO_STOP:  # the interpreter, as it ends, would take its own handlers back
         signal.signal(number, signal.SIG_IGN)
     return status
+
+
+def _help() -> str:
+    """Return the help behind the usage, with every parameter and its default."""
+    lines = []
+    for options in (NodeConfig(), EvaluationConfig()):
+        for item in fields(options):
+            value = getattr(options, item.name)
+            words = value if isinstance(value, tuple) else (value,)
+            shown = ' '.join(f'{w:g}' if isinstance(w, float) else str(w).lower() for w in words)
+            lines.append(f'  {item.name:<21} {item.metadata["description"]} [{shown or "none"}]')
+    return HELP.format(parameters='\n'.join(lines))
 
 
 def _evaluate(argv: list[str], told: list[int]) -> int:

@@ -32,17 +32,20 @@ from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
 from vio_eval_ros.cli.shell import FAILED, PASSED, UNABLE
+from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.evaluation import Evaluation, metric_names
 from vio_eval_ros.core.gates import check_names
-from vio_eval_ros.errors import ConfigError, VioEvalError
+from vio_eval_ros.errors import ConfigError, VioEvalError, WriteError
 from vio_eval_ros.nodes.display import Display
-from vio_eval_ros.nodes.live import LiveRun
+from vio_eval_ros.nodes.live import LiveRun, make_writable
 from vio_eval_ros.nodes.parameters import changed, declare, refuse_unknown
 from vio_eval_ros.nodes.runs import LAG_S, why_the_run_ends
-from vio_eval_ros.nodes.status import status_messages
+from vio_eval_ros.nodes.status import status_messages, why_no_pairs
 from vio_eval_ros.nodes.stream import Stream
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.reports import REPORTS
+from vio_eval_ros.reports.result import Result
+from vio_eval_ros.reports.text import headline, number
 from vio_eval_ros.settings import gates_of
 
 DRAIN_S = 0.05
@@ -73,13 +76,18 @@ class Evaluator(Node):
             raise ConfigError(f'estimate and ground_truth are both {self.estimate.topic}')
         self.run_number = 0
         self.failed_gates = False
-        self.unwritten = ''
+        #: why a report could not be written, by its folder
+        self.unwritten: dict[Path, str] = {}
+        self.namesakes = 0
         self._ended_s = -math.inf
         self._published = 0
         self._begin_run('')
         self._create_outputs()
         self._create_timers()
         self.add_on_set_parameters_callback(self._set_parameters)
+        self._check_report_dir()
+        awaited = ' and '.join(f'{s.topic} ({s.name.replace("_", " ")})' for s in self.streams)
+        self.get_logger().info(f'waiting for {awaited}')
 
     def create_publisher(self, *given: Any, **options: Any) -> Publisher:
         """Create a publisher without handlers of events: each would cost at every wake-up."""
@@ -102,7 +110,8 @@ class Evaluator(Node):
         names = self.settings.publish_metrics
         for name in names:
             if name not in known:
-                raise ConfigError(f"publish_metrics: there is no metric '{name}'")
+                near = nearest_name(name, known)
+                raise ConfigError(f"publish_metrics: there is no metric '{name}'{near}")
         self._windows = {n: self.create_publisher(Float64, f'~/window/{n}', 10) for n in names}
         self._metrics = {
             n: self.create_publisher(Float64, f'~/metrics/{n}', 10) for n in names if n in kept_up
@@ -133,6 +142,8 @@ class Evaluator(Node):
     def _discover(self) -> None:
         for stream in self.streams:
             stream.discover()
+        own = (self.get_name(), self.get_namespace())
+        self.namesakes = self.get_node_names_and_namespaces().count(own) - 1
 
     def _tick(self) -> None:
         """Evaluate what has arrived since the last tick, and publish."""
@@ -169,7 +180,7 @@ class Evaluator(Node):
         for stream in self.streams:
             stream.read()
         self._hand_over()
-        while why := why_the_run_ends(self.streams):
+        while why := why_the_run_ends(self.streams, time.monotonic()):
             self._next_run(why)
         if self.clock_jumped_s + LAG_S < time.monotonic():
             self._next_run('the clock jumped back')
@@ -204,17 +215,19 @@ class Evaluator(Node):
     def _next_run(self, why: str) -> None:
         """Close the run with its report, and begin the next."""
         self.get_logger().warning(f'{why}: run {self.run_number} ends, the next begins')
-        self._finish(Path(f'run_{self.run_number:04d}'))
-        for stream in self.streams:
-            stream.next_run()
-        self._ended_s = time.monotonic()
-        self._begin_run(why)
+        try:
+            self._finish(Path(f'run_{self.run_number:04d}'))
+        finally:  # whatever became of it, it has ended
+            for stream in self.streams:
+                stream.next_run()
+            self._ended_s = time.monotonic()
+            self._begin_run(why)
         self._hand_over()
 
     def end(self) -> None:
         """Evaluate all that has arrived and close the run with its report."""
         self._take_in()
-        while why := why_the_run_ends(self.streams, at_once=True):
+        while why := why_the_run_ends(self.streams, time.monotonic(), at_once=True):
             self._next_run(why)
         for stream in self.streams:
             stream.release()
@@ -222,22 +235,48 @@ class Evaluator(Node):
         self._finish(self.folder)
 
     def _finish(self, folder: Path) -> None:
-        """Write and publish the result of the run; a folder that cannot be written is logged."""
+        """Write, publish and log the result of the run."""
         self._advance()
         self.run.notes = [note for stream in self.streams for note in stream.notes()]
-        for note in self.run.notes:
-            self.get_logger().warning(note)
-        result = None
-        if self.settings.report_dir:
-            try:
-                result = self.run.write(Path(self.settings.report_dir) / folder)
-                self.unwritten = ''
-            except (VioEvalError, OSError) as error:
-                self.unwritten = str(error)
-                self.get_logger().error(self.unwritten)
-        result = result or self.run.result()
+        result, where = self._written(folder) or (self.run.result(), '')
         self.failed_gates = result.passed is False
         self._result.publish(String(data=REPORTS['json'](result)))
+        pairs = result.summary.association['pairs']
+        found = headline(result) if pairs else why_no_pairs(self)
+        self.get_logger().info(f'run {self.run_number}: {found}{where}')
+        for note in self.run.notes:
+            self.get_logger().warning(note)
+        for verdict in result.verdicts:
+            if not verdict.passed:
+                said = f'gate {verdict.gate} is broken: {number(verdict.value)}'
+                self.get_logger().warning(said)
+
+    def _written(self, folder: Path) -> tuple[Result, str] | None:
+        """Return the result that was written, and where; a folder that refuses is logged."""
+        if not self.settings.report_dir:
+            return None
+        top = Path(self.settings.report_dir)
+        try:
+            result = self.run.write(top / folder)
+        except (VioEvalError, OSError) as error:
+            self._cannot_write(top / folder, error)
+            return None
+        for path in (top, top / folder):
+            self.unwritten.pop(path, None)
+        return result, f'; the report is in {top / folder}'
+
+    def _check_report_dir(self) -> None:
+        """Say early that a report could not be written; there is time to make room."""
+        top = Path(self.settings.report_dir)
+        try:
+            if self.settings.report_dir:
+                make_writable(top)
+        except WriteError as error:
+            self._cannot_write(top, error)
+
+    def _cannot_write(self, folder: Path, error: Exception) -> None:
+        self.unwritten[folder] = str(error)
+        self.get_logger().error(str(error))
 
     def _serve(self, name: str, do: Callable[[], str]) -> None:
         """Offer a service that answers with what was done, or why it could not be."""
@@ -260,14 +299,18 @@ class Evaluator(Node):
     def _write_report(self) -> str:
         self._take_in()
         self._finish(self.folder)
-        if self.unwritten:
-            raise VioEvalError(self.unwritten)
+        problem = self.unwritten.get(Path(self.settings.report_dir) / self.folder)
+        if problem:
+            raise VioEvalError(problem)
         return self.settings.report_dir or 'published, not written'
 
     def _set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
-            self.settings = changed(self.settings, parameters)
-        except ConfigError as error:
+            settings = changed(self.settings, parameters)
+            if settings.report_dir and settings.report_dir != self.settings.report_dir:
+                make_writable(Path(settings.report_dir))
+            self.settings = settings
+        except (ConfigError, WriteError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 

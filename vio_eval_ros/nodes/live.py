@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 import copy
 from dataclasses import replace
 from pathlib import Path
+from tempfile import TemporaryFile
 
 import numpy as np
 
@@ -88,9 +89,8 @@ class LiveRun:
         """The evaluation behind the series."""
         return self._series.evaluation
 
-    @property
-    def jump(self) -> tuple[int, float] | None:
-        """The stamp [ns] and size [m] of the largest sudden jump of the estimate, if any."""
+    def largest_jump(self) -> tuple[int, float] | None:
+        """Look at what is new; return stamp [ns] and size [m] of the largest jump, if any."""
         pairs = self.evaluation.since(self._seen)
         if len(pairs) > 1:
             self._seen += len(pairs) - 1
@@ -139,10 +139,7 @@ class LiveRun:
         ):
             if trajectory.rotations is not None:
                 files[name] = tum(trajectory)
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise WriteError(folder, error.strerror or str(error)) from None
+        make_writable(folder)
         write_all({folder / name: content for name, content in files.items()})
         return result
 
@@ -157,7 +154,8 @@ class LiveRun:
                 evaluation = self._revised(evaluation, self._revisions)
             except ReadError as error:
                 trouble = str(error)
-        summary = evaluation.summary()
+        summary = series.summary if evaluation is series.evaluation else evaluation.summary()
+        assert summary is not None  # the rows have come to their end
         summary.warnings[:0] = self.notes
         if trouble:
             summary.warnings.append(trouble)
@@ -211,6 +209,19 @@ class Rows:
             values = self._values[k * width : (k + 1) * width]
             kinds = zip(self._kinds.items(), values, strict=True)
             yield stamp_ns, {name: kind(value) for (name, kind), value in kinds}
+
+
+def make_writable(folder: Path) -> None:
+    """
+    Create a folder where there is none, and try to write a file in it.
+
+    :raises WriteError: neither is possible.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise WriteError(folder, error.strerror or str(error)) from None
 
 
 def strides(trajectory: Trajectory) -> np.ndarray:

@@ -17,6 +17,7 @@ from vio_eval_ros.cli.shell import Parser, PASSED, run
 from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
 from vio_eval_ros.recordings.bags import Topic
 from vio_eval_ros.recordings.playback import Offer, Playback
+from vio_eval_ros.settings import finite
 
 EXAMPLES = """
 examples:
@@ -33,11 +34,11 @@ exit status: 0 played to the end or interrupted, 2 could not be done
 
 def main(argv: list[str] | None = None) -> int:
     """Run the verb; return its exit status."""
-    arguments, ros_arguments = _split(sys.argv[1:] if argv is None else argv)
-    options = _parser().parse_args(arguments)
     # Ctrl-C and SIGTERM are how one ends it, also where a shell had it started in the background
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
+    arguments, ros_arguments = _split(sys.argv[1:] if argv is None else argv)
+    options = _parser().parse_args(arguments)
     return run('play', lambda: _play(options, ros_arguments))
 
 
@@ -76,24 +77,21 @@ def _parser() -> Parser:
     parser.add_argument(
         '--wait-for-subscribers',
         action='store_true',
-        help='begin when each topic that is played has a subscriber',
+        help='begin when each topic that is played has a subscriber, whoever that is',
     )
     return parser
 
 
 def _positive(text: str) -> float:
-    number = _not_negative(text)
-    if not number:
-        raise argparse.ArgumentTypeError('must be more than 0')
+    number = finite(text)
+    if not number > 0:
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number above 0")
     return number
 
 
 def _not_negative(text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not 0 <= number < math.inf:
+    number = finite(text)
+    if not number >= 0:
         raise argparse.ArgumentTypeError(f"'{text}' is not a number of 0 or more")
     return number
 
@@ -156,6 +154,8 @@ def _publish(playback: Playback, options: argparse.Namespace, ros_arguments: lis
                 f'{time.monotonic() - began_s:.1f} s; '
                 f'largest delay {player.largest_delay_s * 1e3:.1f} ms'
             )
+            if unheard := player.without_subscribers():
+                _say(f'nobody subscribes to {", ".join(unheard)}')
         player.flush()
 
 

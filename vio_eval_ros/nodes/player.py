@@ -29,7 +29,7 @@ from vio_eval_ros.recordings.playback import Offer, Timed
 
 TICK_S = 0.01  # of /clock while no message is due
 SHORTEST_TICK_S = 0.001  # of /clock in a burst of messages
-BEHIND_S = 0.05  # a delay worth a word
+BEHIND_S = 0.2  # a delay worth a word
 FLUSH_S = 5.0  # for subscribers to acknowledge the last messages
 # A recorded depth suited the pace of the robot. These also hold what is sent at once to catch up,
 # and take memory only while a subscriber lags behind: of images as much as of all else.

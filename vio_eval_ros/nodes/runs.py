@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Iterator, Sequence
-import time
 from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
@@ -49,14 +48,18 @@ class RunQueue:
         self._begin_run()
         self._withheld: Poses = Trajectory.empty()
 
-    def add(self, poses: Poses) -> None:
-        """Add poses in order of arrival."""
+    def add(self, poses: Poses, now_s: float) -> None:
+        """
+        Add poses in order of arrival.
+
+        :param now_s: when they were seen [monotonic s].
+        """
         poses = Poses.concatenate([self._withheld, poses])
         end, begins_next = next_jump(poses.stamps_ns, self.newest_ns)
         while begins_next and len(self.jumps) < MOST_WAITING:
             self._append(poses[:end])
             poses = poses[end:]
-            self.jumps.append(Jump(self.newest_ns, int(poses.stamps_ns[0]), time.monotonic()))
+            self.jumps.append(Jump(self.newest_ns, int(poses.stamps_ns[0]), now_s))
             self._runs.append([])
             self._begin_run()
             end, begins_next = next_jump(poses.stamps_ns, self.newest_ns)
@@ -168,12 +171,13 @@ def next_jump(stamps_ns: np.ndarray, newest_ns: int) -> tuple[int, bool]:
     return int(begins[-1]) if behind[-1] else len(stamps_ns), False
 
 
-def why_the_run_ends(streams: Sequence[Stream], at_once: bool = False) -> str:
+def why_the_run_ends(streams: Sequence[Stream], now_s: float, at_once: bool = False) -> str:
     """
     Return which jump back in time ends the run of these streams, if any.
 
     Not before all have jumped or had time to: what is still under way belongs to this run.
 
+    :param now_s: the time [monotonic s].
     :param at_once: nothing more is under way.
     """
     jumped = [stream for stream in streams if stream.runs.jumps]
@@ -181,6 +185,6 @@ def why_the_run_ends(streams: Sequence[Stream], at_once: bool = False) -> str:
         return ''
     first = min(jumped, key=lambda stream: stream.runs.jumps[0].seen_s)
     jump = first.runs.jumps[0]
-    lagging = any(stream.silent_s() < LAG_S for stream in streams if stream not in jumped)
-    has_time = time.monotonic() - jump.seen_s < LAG_S
+    lagging = any(now_s - stream.received_s < LAG_S for stream in streams if stream not in jumped)
+    has_time = now_s - jump.seen_s < LAG_S
     return '' if lagging and has_time and not at_once else f'{first.topic} {jump}'

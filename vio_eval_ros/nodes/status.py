@@ -60,9 +60,13 @@ def _accuracy(node: Evaluator) -> DiagnosticStatus:
         gate, value, _ = broken[0]
         level = ERROR if gate.severity == 'fail' else WARN
         message = f'gate {gate} is broken: {number(value)}'
-    elif math.isnan(values['ate_trans_rmse_m']):
+    elif (alignment := node.run.evaluation.alignment()).undetermined or math.isnan(
+        values['ate_trans_rmse_m']
+    ):
         level, message = WARN, 'the alignment is not determined yet'
-    troubles = [trouble for trouble in (node.problem, node.unwritten) if trouble]
+        if alignment.undetermined:
+            message = f'{alignment.undetermined}: {message}'
+    troubles = [trouble for trouble in (node.problem, *node.unwritten.values()) if trouble]
     if troubles:
         level, message = max(level, WARN), '; '.join([message, *troubles])
     return _status('accuracy', level, message, values)
@@ -88,7 +92,7 @@ def _association(node: Evaluator) -> DiagnosticStatus:
             reasons = [f'{n} {reason.replace("_", "-")}' for reason, n in dropped.items() if n]
             poor.append(f'{name.replace("_", " ")}: dropped {", ".join(reasons)}')
     if not values['pairs']:
-        return _status('association', WARN, _no_pairs(node), values)
+        return _status('association', WARN, why_no_pairs(node), values)
     if coverage < LOW_COVERAGE:
         poor.insert(0, f'only {100 * coverage:.1f} % of the ground truth was tracked')
     if poor:
@@ -96,7 +100,7 @@ def _association(node: Evaluator) -> DiagnosticStatus:
     return _status('association', OK, 'running', values)
 
 
-def _no_pairs(node: Evaluator) -> str:
+def why_no_pairs(node: Evaluator) -> str:
     """Return why there is no pair, with what has arrived of both streams."""
     associator = node.run.evaluation.associator
     sides = (associator.estimate, associator.ground_truth)
@@ -144,6 +148,11 @@ def _streams(node: Evaluator) -> DiagnosticStatus:
             stale.append(f'nothing on {stream.topic} for {stream.silent_s():.0f} s{gone}')
     jumped = [f'{s.topic} {s.runs.jumps[0]}' for s in node.streams if s.runs.jumps]
     problems += [f'{jump}: waiting for the other stream to do so' for jump in jumped]
+    if node.namesakes:
+        problems.append(
+            f'there is another {node.get_fully_qualified_name()}: both answer to its services and '
+            'write the same report; name one with -r __node:=NAME'
+        )
     if node.clock_jumped_s < math.inf:
         problems.append('the clock jumped back: waiting for the streams to do so')
     if problems:
@@ -186,7 +195,7 @@ def _publishers(stream: Stream) -> str:
 
 
 def _diagnosis(node: Evaluator) -> DiagnosticStatus:
-    jump = node.run.jump
+    jump = node.run.largest_jump()
     if jump is not None:
         message = f'the estimate jumped by {number(jump[1])} m at {jump[0] / 1e9:.3f} s'
         values = {'jump_stamp_ns': jump[0], 'jump_m': jump[1]}

@@ -82,7 +82,8 @@ class Stream:
         self._class: Any = None
         self._subscription: Any = None
         self._events: dict[str, Any] = {}
-        self._last_received = time.monotonic()
+        #: when something came last [monotonic s]; at first, when this began
+        self.received_s = time.monotonic()
         override_quality(node, self.topic, self._quality)
         if msgtype:
             self._subscribe(msgtype)
@@ -118,7 +119,7 @@ class Stream:
         self.drain()
         arrived = self.decode()
         if arrived is not None:
-            self.runs.add(arrived)
+            self.runs.add(arrived, self.received_s)
 
     def drain(self) -> None:
         """Take all messages that have arrived."""
@@ -133,7 +134,7 @@ class Stream:
                     break
         if len(self._raw) > taken:
             self.received += len(self._raw) - taken
-            self._last_received = time.monotonic()
+            self.received_s = time.monotonic()
 
     def decode(self) -> Poses | None:
         """Return the poses of the messages taken since the last call; None of none."""
@@ -160,7 +161,7 @@ class Stream:
 
     def silent_s(self) -> float:
         """Return for how long nothing has come."""
-        return time.monotonic() - self._last_received
+        return time.monotonic() - self.received_s
 
     def next_run(self) -> None:
         """Go on to the next run."""
@@ -170,7 +171,7 @@ class Stream:
     def release(self) -> None:
         """Hand on what is withheld: no more will come to tell what it is."""
         for left in self.paths.release():
-            self.runs.add(left)
+            self.runs.add(left, self.received_s)
         self.runs.release()
 
     def _of_paths(self, raw: list[bytes]) -> Poses:

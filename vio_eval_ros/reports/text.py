@@ -58,6 +58,16 @@ def text_report(result: Result) -> str:
     return '\n'.join(printable(line) for line in lines) + '\n'
 
 
+def headline(result: Result) -> str:
+    """Return what a result says, in half a line."""
+    metrics = result.summary.metrics
+    return (
+        f'{result.summary.association["pairs"]:,} pairs, '
+        f'{percent(metrics["coverage_ratio"])} covered, '
+        f'ATE {number(metrics["ate_trans_rmse_m"])} m, {number(metrics["ate_rot_rmse_deg"])} deg'
+    )
+
+
 def rows(result: Result) -> Iterator[tuple[str, list[float]]]:
     """
     Yield a label and the seven statistics of each error that people look at first.
