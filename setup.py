@@ -8,7 +8,7 @@ from vio_eval_ros.__main__ import VERBS
 
 NAME = 'vio_eval_ros'
 IMAGES = ['Pillow']
-IMU = ['allantools', 'matplotlib']
+IMU = ['allantools', 'matplotlib', 'plotly']
 REPORT = ['plotly']
 # ROS 2 Jazzy where none is installed; rclpy does not start without the second
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-rmw-fastrtps-cpp', 'ros-jazzy-common-interfaces']

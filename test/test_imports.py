@@ -22,8 +22,9 @@ INNER = {'core', 'errors'}
 SHELLS = {'cli', 'nodes'}
 # Layers between the core and the shells: none knows of another, but for what is named here.
 MAY_ALSO_IMPORT = {
-    'imu': {PACKAGE},  # the version
+    'imu': {PACKAGE, 'reports'},  # the version; how a page is made
     'reports': {PACKAGE},
+    'simulation': {'imu', 'reports'},  # what noise is; how a TUM file is written
     'scoring': {PACKAGE, 'recordings', 'reports', 'settings'},  # it holds the ends together
 }
 ONLY_IN = {

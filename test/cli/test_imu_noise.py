@@ -76,14 +76,19 @@ def file(samples, tmp_path_factory):
 
 def test_a_recording_gives_a_table_and_the_files_asked_for(recording, tmp_path):
     pytest.importorskip('matplotlib')
-    png, kalibr = tmp_path / 'allan.png', tmp_path / 'imu.yaml'
-    done = imu_noise(recording, '--plot', png, '--kalibr', kalibr)
+    paths = {
+        'png': tmp_path / 'allan.png',
+        'kalibr': tmp_path / 'imu.yaml',
+        'json': tmp_path / 'noise.json',
+    }
+    done = imu_noise(recording, *(f'--report={kind}:{path}' for kind, path in paths.items()))
     assert (done.returncode, done.stderr) == (0, '')
     assert done.stdout.startswith(f'{recording}:/imu0: 90,000 samples, 0.5 h at 50 Hz\n')
     assert 'white noise density' in done.stdout
-    assert png.read_bytes().startswith(b'\x89PNG')
-    assert 'rostopic: "/imu0"' in kalibr.read_text()
-    assert sorted(path.name for path in tmp_path.iterdir()) == ['allan.png', 'imu.yaml']
+    assert paths['png'].read_bytes().startswith(b'\x89PNG')
+    assert 'rostopic: "/imu0"' in paths['kalibr'].read_text()
+    assert json.loads(paths['json'].read_text())['schema'] == 'vio_eval_ros.imu_noise/1'
+    assert set(tmp_path.iterdir()) == set(paths.values())
 
 
 def test_recording_and_csv_give_the_same_figures(recording, file):
@@ -108,9 +113,9 @@ def test_a_unit_can_be_stated(file):
     [
         (['missing.csv'], 'missing.csv'),
         (['{recording}', '--topic', '/imu'], 'no such topic'),
-        (['{recording}', '--plot', 'allan.jpg'], 'in .png'),
-        (['{recording}', '--plot', '{recording}/none/allan.png'], 'there is no folder'),
-        (['{file}', '--kalibr', '{file}'], 'overwrite the input'),
+        (['{recording}', '--report', 'jpg:allan.jpg'], 'a format of html, json, kalibr, png'),
+        (['{recording}', '--report', 'png:{recording}/none/allan.png'], 'there is no folder'),
+        (['{file}', '--report', 'kalibr:{file}'], 'overwrite the input'),
         (['{recording}', '--gyro-unit', 'rpm'], 'invalid choice'),
     ],
 )
@@ -126,15 +131,17 @@ def test_a_kalibr_file_that_cannot_be_known_is_status_2_behind_the_result(file, 
     short = tmp_path / 'short.csv'
     short.write_text(''.join(file.read_text().splitlines(keepends=True)[:2_000]))
     kalibr = tmp_path / 'imu.yaml'
-    done = imu_noise(short, '--kalibr', kalibr)
+    done = imu_noise(short, '--report', f'kalibr:{kalibr}')
     assert done.returncode == 2
     assert 'white noise density' in done.stdout
-    assert 'imu_noise: --kalibr: gyroscope_random_walk is not known' in done.stderr
+    assert 'imu_noise: kalibr: gyroscope_random_walk is not known' in done.stderr
     assert not kalibr.exists()
 
 
-@pytest.mark.parametrize('library', ['allantools', 'matplotlib'])
+@pytest.mark.parametrize('library', ['allantools', 'matplotlib', 'plotly'])
 def test_a_missing_library_is_named_before_anything_is_read(library):
-    done = imu_noise('missing.csv', '--plot', 'allan.png', hidden=library)
+    done = imu_noise(
+        'missing.csv', '--report', 'png:a.png', '--report', 'html:a.html', hidden=library
+    )
     assert done.returncode == 2
     assert f'pip install {library}' in done.stderr

@@ -3,28 +3,42 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
-from vio_eval_ros.cli.shell import complain, Parser, PASSED, progress, run, UNABLE
-from vio_eval_ros.errors import ConfigError, VioEvalError, WriteError
+from vio_eval_ros.cli.shell import Parser, PASSED, progress, run, UNABLE
+from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
+from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.imu.analysis import analyse, Analysis, UNITS
 from vio_eval_ros.imu.documents import json_document, kalibr_document, plot, table
+from vio_eval_ros.imu.html import html_document
 from vio_eval_ros.imu.record import Record
-from vio_eval_ros.recordings.imu import ImuSource, read_imu
-from vio_eval_ros.reports import write
+from vio_eval_ros.recordings.imu import read_imu
 
 VERB = 'imu_noise'
 EXAMPLES = """
 examples:
-  imu_noise rest.mcap --topic /imu0 --kalibr imu.yaml
-  imu_noise mav0/imu0/data.csv --plot allan.png --json > noise.json
+  imu_noise rest.mcap --topic /imu0 --report kalibr:imu.yaml --report html:noise.html
+  imu_noise mav0/imu0/data.csv --report png:allan.png --json > noise.json
 
 The record should be of a sensor at rest and warmed up, several hours long. What it is too short
 to tell is null, with the reason.
 
+formats of --report: html (interactive curves), png (the same as a picture), kalibr (the imu.yaml of
+Kalibr), json
+
 exit status: 0 done, 2 could not be done
 """
+# takes the analysis and the topic of the IMU
+REPORTS: dict[str, Callable[[Analysis, str], str | bytes]] = {
+    'html': lambda analysis, topic: html_document(analysis),
+    'json': lambda analysis, topic: json_document(analysis),
+    'kalibr': kalibr_document,
+    'png': lambda analysis, topic: plot(analysis),
+}
+LIBRARIES = {'html': 'plotly', 'png': 'matplotlib'}
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -50,16 +64,19 @@ def _parser() -> Parser:
         '--accel-unit', choices=UNITS['accel'], help='of the record (default: told by magnitude)'
     )
     output = parser.add_argument_group('output')
-    output.add_argument(
-        '--json', action='store_true', help='print the result as JSON, and nothing else, on stdout'
-    )
-    output.add_argument('--plot', type=Path, metavar='FILE.png', help='draw the curves')
-    output.add_argument('--kalibr', type=Path, metavar='FILE', help='write an imu.yaml for Kalibr')
+    add_reports(output, REPORTS)
     return parser
 
 
 def _imu_noise(arguments: argparse.Namespace) -> int:
-    _check_outputs(arguments)
+    targets = [Target.parse(text, REPORTS) for text in arguments.report]
+    check_targets(targets, [arguments.record])
+    for library in (
+        'allantools',
+        *(LIBRARIES[t.format] for t in targets if t.format in LIBRARIES),
+    ):
+        if find_spec(library) is None:  # known before hours of samples are read
+            raise ConfigError(f"{library} is needed: pip install {library}, or the extra 'imu'")
     record = Record(arguments.record)
     source = read_imu(arguments.record, arguments.topic, record.add, progress)
     stated = dict(source.units)
@@ -68,51 +85,9 @@ def _imu_noise(arguments: argparse.Namespace) -> int:
             stated[kind] = getattr(arguments, f'{kind}_unit')
     analysis = analyse(str(source), record.finish(), stated)
     print(json_document(analysis) if arguments.json else table(analysis), end='', flush=True)
+    topic = source.topic or '/imu0'
     done = [
-        _written(option, arguments, source, analysis)
-        for option in ('kalibr', 'plot')
-        if getattr(arguments, option) is not None
+        written(VERB, target, partial(REPORTS[target.format], analysis, topic))
+        for target in targets
     ]
     return PASSED if all(done) else UNABLE
-
-
-def _check_outputs(arguments: argparse.Namespace) -> None:
-    """Raise ``ConfigError`` before hours of samples are read for what cannot be written."""
-    for library in ('allantools', *(['matplotlib'] if arguments.plot else [])):
-        if find_spec(library) is None:
-            raise ConfigError(f"{library} is needed: pip install {library}, or the extra 'imu'")
-    paths = [path for path in (arguments.kalibr, arguments.plot) if path is not None]
-    for path in paths:
-        if not path.parent.is_dir():
-            raise ConfigError(f'{path}: there is no folder {path.parent}')
-        if path.resolve() == arguments.record.resolve():
-            raise ConfigError(f'{path} would overwrite the input')
-    if len({path.resolve() for path in paths}) < len(paths):
-        raise ConfigError('--kalibr and --plot name the same file')
-    if arguments.plot is not None and arguments.plot.suffix.lower() != '.png':
-        raise ConfigError(f'{arguments.plot}: a plot is a PNG; let its name end in .png')
-
-
-def _written(
-    option: str, arguments: argparse.Namespace, source: ImuSource, analysis: Analysis
-) -> bool:
-    """Return whether a file could be written; the result has been printed already."""
-    path: Path = getattr(arguments, option)
-    try:
-        if option == 'kalibr':
-            write(path, kalibr_document(analysis, source.topic or '/imu0'))
-        else:
-            _write_png(path, plot(analysis))
-    except VioEvalError as error:
-        complain(VERB, f'--{option}: {error}')
-        return False
-    return True
-
-
-def _write_png(path: Path, png: bytes) -> None:
-    temporary = path.with_name(f'.{path.name}.part')
-    try:
-        temporary.write_bytes(png)
-        temporary.replace(path)
-    except OSError as error:
-        raise WriteError(path, error.strerror or str(error)) from None

@@ -62,6 +62,6 @@ def written(verb: str, target: Target, render: Callable[[], str | bytes]) -> boo
     try:
         write(target.path, render())
     except VioEvalError as error:
-        complain(verb, f'{target.format}:{error}')
+        complain(verb, f'{target.format}: {error}')
         return False
     return True

@@ -58,13 +58,7 @@ def json_document(analysis: Analysis) -> str:
 
 def table(analysis: Analysis) -> str:
     """Return what a person reads on a terminal."""
-    signal = analysis.signal
-    lines = [
-        f'{analysis.source}: {signal.counts.samples:,} samples, '
-        f'{signal.duration_s / 3600:.3g} h at {signal.rate_hz * signal.averaged:.5g} Hz'
-        + (f', averaged by {signal.averaged}' if signal.averaged > 1 else '')
-    ]
-    reasons: dict[str, list[str]] = {}
+    lines = [f'{analysis.source}: {record_line(analysis)}']
     for kind in UNIT:
         headings = [f'{name.replace("_", " ")}' for name, _, _ in PARAMETERS.values()]
         units = [f'[{unit[kind]}]' for _, unit, _ in PARAMETERS.values()]
@@ -77,21 +71,38 @@ def table(analysis: Analysis) -> str:
             if not name.startswith(kind):
                 continue
             cells = ''
-            for attribute, (label, _, _) in PARAMETERS.items():
-                parameter = getattr(axis.fit, attribute)
-                cells += f'{_cell(parameter):<35}'
-                if parameter.reason:
-                    reason = f'{label.replace("_", " ")}: {parameter.reason}'
-                    reasons.setdefault(reason, []).append(name)
+            for attribute in PARAMETERS:
+                cells += f'{cell(getattr(axis.fit, attribute)):<35}'
             fitted = axis.fit.range_s
             lines.append(
                 f'{name[-1]:<9}{cells}'
                 + (f'{fitted[0]:.3g} to {fitted[1]:.4g}' if fitted else '-')
             )
     lines += ['', f'in brackets: {100 * CONFIDENCE:.0f} % confidence interval']
-    lines += [f'null: {", ".join(names)}: {reason}' for reason, names in reasons.items()]
+    lines += [f'null: {", ".join(names)}: {reason}' for reason, names in reasons(analysis).items()]
     lines += [f'warning: {warning}' for warning in analysis.warnings]
     return '\n'.join(lines) + '\n'
+
+
+def reasons(analysis: Analysis, kind: str = '') -> dict[str, list[str]]:
+    """Return why parameters are not known, and of which axes."""
+    found: dict[str, list[str]] = {}
+    for name, axis in analysis.axes.items():
+        for attribute, (label, _, _) in PARAMETERS.items():
+            reason = getattr(axis.fit, attribute).reason
+            if reason and name.startswith(kind):
+                found.setdefault(f'{label.replace("_", " ")}: {reason}', []).append(name)
+    return found
+
+
+def record_line(analysis: Analysis) -> str:
+    """Return how long the record is, and at which rate."""
+    signal = analysis.signal
+    return (
+        f'{signal.counts.samples:,} samples, '
+        f'{signal.duration_s / 3600:.3g} h at {signal.rate_hz * signal.averaged:.5g} Hz'
+        + (f', averaged by {signal.averaged}' if signal.averaged > 1 else '')
+    )
 
 
 def kalibr_document(analysis: Analysis, topic: str) -> str:
@@ -130,7 +141,7 @@ def plot(analysis: Analysis) -> bytes:
         axes = [axis for name, axis in analysis.axes.items() if name.startswith(kind)]
         for axis, letter, colour in zip(axes, 'xyz', COLOURS, strict=True):
             fit = axis.fit
-            taus_s, (low, high) = axis.curve.taus_s, _band(axis)
+            taus_s, (low, high) = axis.curve.taus_s, band(axis)
             panel.loglog(taus_s, axis.curve.deviations, colour, label=letter)
             panel.fill_between(taus_s, low, high, color=colour, alpha=0.15, linewidth=0)
             if fit.range_s:
@@ -164,7 +175,8 @@ def _parameters(analysis: Analysis, kind: str, attribute: str) -> Any:
     )
 
 
-def _cell(parameter: Parameter) -> str:
+def cell(parameter: Parameter) -> str:
+    """Return a value with its interval, or a dash and what is known of it."""
     if math.isnan(parameter.value):
         return '-' if math.isnan(parameter.high) else f'- (at most {parameter.high:.3g})'
     return f'{parameter.value:.4g} ({parameter.low:.4g} to {parameter.high:.4g})'
@@ -172,7 +184,7 @@ def _cell(parameter: Parameter) -> str:
 
 def _axis(name: str, axis: Axis) -> dict[str, Any]:
     kind, curve, fit = name.partition('_')[0], axis.curve, axis.fit
-    low, high = _band(axis)
+    low, high = band(axis)
     lowest = int(np.argmin(curve.deviations)) if len(curve.deviations) else None
     return {
         'unit': UNIT[kind],
@@ -205,7 +217,7 @@ def _axis(name: str, axis: Axis) -> dict[str, Any]:
     }
 
 
-def _band(axis: Axis) -> tuple[np.ndarray, np.ndarray]:
+def band(axis: Axis) -> tuple[np.ndarray, np.ndarray]:
     """Return the confidence interval of each deviation."""
     if np.isnan(axis.fit.scatter).any():
         nothing = np.full(len(axis.curve.deviations), np.nan)
