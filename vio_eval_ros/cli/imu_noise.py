@@ -26,8 +26,8 @@ examples:
 The record should be of a sensor at rest and warmed up, several hours long. What it is too short
 to tell is null, with the reason.
 
-formats of --report: html (interactive curves), png (the same as a picture), kalibr (the imu.yaml of
-Kalibr), json
+formats of --report: html (interactive curves), png (the same as a picture), kalibr (Kalibr's
+imu.yaml), json
 
 exit status: 0 done, 2 could not be done
 """
@@ -71,11 +71,9 @@ def _parser() -> Parser:
 def _imu_noise(arguments: argparse.Namespace) -> int:
     targets = [Target.parse(text, REPORTS) for text in arguments.report]
     check_targets(targets, [arguments.record])
-    for library in (
-        'allantools',
-        *(LIBRARIES[t.format] for t in targets if t.format in LIBRARIES),
-    ):
-        if find_spec(library) is None:  # known before hours of samples are read
+    needed = {LIBRARIES[target.format] for target in targets if target.format in LIBRARIES}
+    for library in ('allantools', *sorted(needed)):  # asked before hours of samples are read
+        if find_spec(library) is None:
             raise ConfigError(f"{library} is needed: pip install {library}, or the extra 'imu'")
     record = Record(arguments.record)
     source = read_imu(arguments.record, arguments.topic, record.add, progress)
