@@ -6,6 +6,7 @@ import hashlib
 import json
 import math
 import os
+from pathlib import Path
 import re
 import subprocess
 import sys
@@ -17,20 +18,25 @@ import pytest
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.gates import Gate, judge
+from vio_eval_ros.core.rotation import rotate
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.recordings.sources import read_sources
+from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.html import html_report
 from vio_eval_ros.reports.page import html, tag
 from vio_eval_ros.reports.plots import (
     boxes,
     Course,
+    JUMP_OVER_P95,
+    MIN_JUMP_M,
     MOST_POINTS,
     relative_samples,
     segment_samples,
     usual_lengths,
 )
 from vio_eval_ros.reports.result import Input, Result
+from vio_eval_ros.reports.tables import tum
 from vio_eval_ros.scoring.run import score_run
 from vio_eval_ros.simulation import simulate
 
@@ -172,23 +178,24 @@ def test_only_the_scripts_of_the_page_may_run(report, parsed):
     assert 'unsafe' not in policy.replace("style-src 'unsafe-inline'", '')
 
 
-def test_the_page_is_the_same_in_another_process(tmp_path):
+def test_every_report_is_the_same_in_another_process(tmp_path):
     estimate, truth = tmp_path / 'est.tum', tmp_path / 'gt.tum'
     run = simulate(duration_s=10.0)
     for file, poses in ((estimate, run.estimate), (truth, run.ground_truth)):
         rows = np.column_stack([poses.stamps_ns / 1e9, poses.positions, poses.rotations])
         np.savetxt(file, rows, '%.9f')
-    pages = []
     for seed in ('1', '2'):
         command = [sys.executable, '-m', 'vio_eval_ros', 'replay', '--estimate', str(estimate)]
-        command += ['--ground-truth', str(truth), '--report', f'html:{tmp_path}/{seed}.html']
+        command += ['--ground-truth', str(truth)]
+        command += [f'--report={kind}:{tmp_path}/{seed}.{kind}' for kind in REPORTS]
         environment = os.environ | {'PYTHONHASHSEED': seed}
         done = subprocess.run(
             command, env=environment, capture_output=True, text=True, check=False
         )
         assert done.returncode == 0, done.stderr
-        pages.append((tmp_path / f'{seed}.html').read_bytes())
-    assert pages[0] == pages[1]
+    for kind in REPORTS:
+        one, other = ((tmp_path / f'{seed}.{kind}').read_bytes() for seed in ('1', '2'))
+        assert one == other, kind
 
 
 def test_the_figures_are_such_as_plotly_knows(report, parsed):
@@ -205,6 +212,57 @@ def test_gaps_and_jumps_are_where_they_were_made(result):
     ((k, size),) = course.jumps
     assert course.seconds[k] == pytest.approx(25, abs=0.06)
     assert size == pytest.approx(1, abs=0.05)
+
+
+def test_what_is_a_jump_is_told_and_documented(result, report, parsed):
+    course = Course.of(result)
+    assert f'(from one pair to the next off by more than {course.least_jump:.4g} m)' in (
+        parsed(report).text
+    )
+    document = (Path(__file__).resolve().parents[2] / 'docs/scoring.md').read_text()
+    assert f'{MIN_JUMP_M:g} m, and more than {JUMP_OVER_P95:g} times' in document
+    assert course.least_jump >= MIN_JUMP_M
+    assert np.quantile(course.steps, 0.95) * JUMP_OVER_P95 <= course.least_jump
+
+
+@pytest.mark.parametrize('turned', [False, True])
+def test_ground_truth_is_drawn_also_where_there_is_no_pair(turned, tmp_path, parsed):
+    flight = simulate(duration_s=20.0)
+    for name, poses in (('est', flight.estimate[:100]), ('gt', flight.ground_truth)):
+        (tmp_path / f'{name}.tum').write_text(tum(poses))
+    sources = read_sources([f'{tmp_path}/est.tum', f'{tmp_path}/gt.tum'])
+    lever = (0.5, 0, 0, 0, 0, 0, 1) if turned else (0, 0, 0, 0, 0, 0, 1)
+    config = EvaluationConfig(start_s=1, end_s=15, ground_truth_to_body=lever)
+    result = score_run(*sources, config)
+    path, above = parsed(html_report(result)).figures[:2]
+    seconds = (result.truth.stamps_ns - flight.ground_truth.stamps_ns[0]) / 1e9
+    assert (seconds[0], seconds[-1]) == pytest.approx((1, 15), abs=0.02)
+    last = np.searchsorted(flight.ground_truth.stamps_ns, result.truth.stamps_ns[-1])
+    where = flight.ground_truth.positions[last] + rotate(
+        flight.ground_truth.rotations[last], np.array(lever[:3])
+    )
+    for figure, names in ((path, 'xyz'), (above, 'xy')):
+        whole, paired, *_ = figure['data']
+        assert whole['line']['dash'] == 'dot'
+        assert 'dash' not in paired['line']
+        assert len(whole['x']) > 1000
+        assert [whole[name][-1] for name in names] == pytest.approx(where[: len(names)], abs=1e-3)
+        assert whole['x'][-1] != pytest.approx(paired['x'][-1], abs=0.1)
+    for k, name in enumerate('xyz'):
+        low, high = path['layout']['scene'][f'{name}axis']['range']
+        assert low < result.truth.positions[:, k].min() < result.truth.positions[:, k].max() < high
+    assert 'dotted without pairs' in parsed(html_report(result)).text
+
+
+def test_a_gap_of_the_ground_truth_itself_is_not_bridged(tmp_path, parsed):
+    flight = simulate(duration_s=20.0)
+    seconds = (flight.ground_truth.stamps_ns - flight.ground_truth.stamps_ns[0]) / 1e9
+    truth = flight.ground_truth[(seconds < 8) | (seconds > 12)]
+    for name, poses in (('est', flight.estimate), ('gt', truth)):
+        (tmp_path / f'{name}.tum').write_text(tum(poses))
+    sources = read_sources([f'{tmp_path}/est.tum', f'{tmp_path}/gt.tum'])
+    (_, above, *_) = parsed(html_report(score_run(*sources, EvaluationConfig()))).figures
+    assert above['data'][0]['x'].count(None) == 1
 
 
 def test_a_lost_track_is_a_gap_until_the_ground_truth_ends():

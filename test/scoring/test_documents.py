@@ -17,8 +17,9 @@ from referencing import Registry, Resource
 
 from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.scoring.baseline import Baseline, definition_sha256
-from vio_eval_ros.scoring.documents import COLUMNS, SUITE_REPORTS, suite_text
+from vio_eval_ros.scoring.documents import SUITE_REPORTS, suite_text
 from vio_eval_ros.scoring.scoring import compared, SuiteResult
+from vio_eval_ros.scoring.tables import COLUMNS
 
 SCHEMAS = {
     name: json.loads((Path(__file__).resolve().parents[2] / 'docs/schema' / name).read_text())

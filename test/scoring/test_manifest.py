@@ -19,6 +19,7 @@ from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.reports.tables import tum
 from vio_eval_ros.scoring import manifest as manifests
 from vio_eval_ros.scoring import verification
+from vio_eval_ros.scoring.baseline import Baseline, definition_sha256
 from vio_eval_ros.scoring.manifest import (
     Document,
     Manifest,
@@ -27,7 +28,7 @@ from vio_eval_ros.scoring.manifest import (
     Stack,
 )
 from vio_eval_ros.scoring.run import score_run
-from vio_eval_ros.scoring.scoring import score_suite
+from vio_eval_ros.scoring.scoring import compared, score_suite
 from vio_eval_ros.scoring.suite import Suite
 from vio_eval_ros.scoring.verification import Verification, verify
 from vio_eval_ros.simulation import simulate, write_recording
@@ -292,6 +293,130 @@ def test_a_suite_is_reproduced_but_for_what_never_was_scored(folder, suite, monk
     assert note.startswith('files, runs/lost.tum: could not be scored then: no pairs')
 
 
+ATE = 'ate_trans_rmse_m'
+
+
+@pytest.fixture
+def judged(folder, suite) -> dict[str, Any]:
+    """Return the manifest of a suite with gates from outside, compared with a baseline."""
+    changes = (
+        f'sequences.recorded.gates.{ATE}=[{{max: 1, warn: 0.001}}, {{max: 1, of: worst}}]',
+        'sequences.files.gates.success_rate.min=0.5',
+    )
+    suite = Suite.load(folder / 'suite.yaml', changes)
+    finished = manifest_of_suite(suite.manifest, suite)
+    result = score_suite(suite, 1)
+    recorded = {'revised': result.sequences[2].recorded}
+    result = compared(result, Baseline(definition_sha256(), recorded))
+    suite.manifest.write_text(finished(result))
+    content = json.loads(suite.manifest.read_text())
+    assert content['set'] == list(changes)
+    return content
+
+
+def test_gates_comparisons_and_verdicts_of_a_suite_are_in_its_manifest(judged):
+    assert valid(judged)
+    assert judged['verdict'] == 'pass'
+    files, recorded, revised = judged['sequences']
+    assert [one['verdict'] for one in judged['sequences']] == ['pass'] * 3
+    (rate,) = (gate for gate in files['gates'] if gate['metric'] == 'success_rate')
+    assert (rate['limit'], rate['value'], rate['of']) == (0.5, 2 / 3, 'median')
+    ates = [gate for gate in recorded['gates'] if gate['metric'] == ATE]
+    assert [(gate['of'], gate['severity'], gate['passed']) for gate in ates] == [
+        ('median', 'fail', True), ('median', 'warn', False), ('worst', 'fail', True)
+    ]  # fmt: skip
+    assert (files['comparisons'], recorded['comparisons']) == (None, None)
+    (comparison,) = revised['comparisons']
+    assert comparison['rule']['metric'] == ATE
+    assert comparison['baseline_values'] == [revised['runs'][0]['result']['metrics'][ATE]]
+    assert comparison['found']['difference'] == 0
+
+
+def test_a_suite_is_judged_again_without_its_file(folder, judged):
+    (folder / 'suite.yaml').unlink()
+    found = verify(folder / 'manifest.json')
+    assert (found.reproduced, found.differences) == (4, ())
+    assert f'{folder}/suite.yaml is missing' in found.notes
+
+
+def gate_that_would_fail(content: dict[str, Any]) -> None:
+    for gate in content['sequences'][0]['gates']:
+        if gate['metric'] == 'success_rate':
+            gate['limit'] = 0.9
+
+
+def better_baseline(content: dict[str, Any]) -> None:
+    (comparison,) = content['sequences'][2]['comparisons']
+    comparison['baseline_values'] = [comparison['baseline_values'][0] / 2]
+
+
+@pytest.mark.parametrize(
+    ('tamper', 'lines'),
+    [
+        (
+            lambda c: c.update(verdict='fail'),
+            ['suite: verdict was fail, is pass'],
+        ),
+        (
+            gate_that_would_fail,
+            [
+                'files: gates.2.passed was True, is False',
+                'files: verdict was pass, is fail',
+                'suite: verdict was pass, is fail',
+            ],
+        ),
+        (
+            better_baseline,
+            [
+                'revised: comparisons.0.found.worse was False, is True',
+                'revised: verdict was pass, is fail',
+                'suite: verdict was pass, is fail',
+            ],
+        ),
+    ],
+    ids=['verdict', 'gate', 'baseline'],
+)
+def test_a_verdict_that_does_not_follow_is_told(folder, judged, tamper, lines):
+    tamper(judged)
+    found = verified(folder / 'manifest.json', judged)
+    assert found.reproduced == 4
+    assert [line for line in found.differences if line in lines] == lines
+
+
+def test_a_run_that_is_gone_is_missed_by_the_verdict_too(folder, judged):
+    (folder / 'runs/b.tum').unlink()
+    found = verify(folder / 'manifest.json')
+    assert 'files: verdict was pass, is fail' in found.differences
+    assert any('files: gates.' in line and '.value was' in line for line in found.differences)
+
+
+def test_a_manifest_without_verdicts_is_reproduced_as_before(folder, judged):
+    del judged['verdict'], judged['set']
+    for sequence in judged['sequences']:
+        del sequence['gates'], sequence['comparisons'], sequence['verdict']
+    assert valid(judged)
+    found = verified(folder / 'manifest.json', judged)
+    assert (found.reproduced, found.differences) == (4, ())
+
+
+@pytest.mark.parametrize(
+    'damage',
+    [
+        lambda one: one.update(gates=None),
+        lambda one: one.pop('comparisons'),
+        lambda one: one['gates'][0].update(of='best'),
+        lambda one: one['comparisons'][0].update(baseline_values=[None]),
+        lambda one: one['comparisons'][0].update(baseline_values=3),
+        lambda one: one['comparisons'][0]['rule'].update(metric='path_length_m'),
+        lambda one: one.update(runs=[]),
+    ],
+)
+def test_a_damaged_judgement_is_one_line(folder, judged, damage):
+    damage(judged['sequences'][2])
+    with pytest.raises(ReadError, match='is no manifest, or a damaged one'):
+        verified(folder / 'manifest.json', judged)
+
+
 def test_a_suite_named_by_an_absolute_path_has_relative_paths_all_the_same(folder, suite):
     relative = write_suite(suite)
     absolute = write_suite(Suite.load(folder / 'suite.yaml'))
@@ -550,6 +675,20 @@ def test_nothing_in_a_manifest_gives_any_other_error(folder):
             assert '\n' not in told, way
             refused += 'damaged' in told
     assert refused > 100
+
+
+def test_nothing_in_a_judgement_gives_any_other_error(folder, judged):
+    judged['sequences'] = judged['sequences'][2:]
+    ways = [way for way in nodes(judged) if way[2:3] and way[2] in ('gates', 'comparisons')]
+    assert len(ways) > 40
+    for way in ways:
+        for value in (None, 5, 'word', [], {}, [5]):
+            changed = copy.deepcopy(judged)
+            part: Any = changed
+            for key in way[:-1]:
+                part = part[key]
+            part[way[-1]] = value
+            assert '\n' not in outcome(folder / 'manifest.json', changed), way
 
 
 def test_a_document_that_is_read_is_whole(folder):

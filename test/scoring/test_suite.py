@@ -272,12 +272,21 @@ def test_what_is_wrong_is_named_with_its_line(folder, old, new, problem):
         ('compare: {sim3_scale: {relative: 0.1}}', 'neither more nor less of it is worse'),
         ('modality: lidar', 'modality is one of mono, stereo, mono-inertial, stereo-inertial'),
         ('recording: "*.mcap"', "recording: nothing matches '*.mcap'"),
+        ('stack: {comit: 4f2a9c1}', "stack: there is no 'comit' here; did you mean 'commit'?"),
+        ('stack: {version: 2.1}', "stack: version: '2.1' is no text; put it into quotes"),
+        ('stack: {config: {a: b}}', 'stack: config: a list of files is expected'),
+        ('stack: okvis', 'stack: a mapping is expected'),
     ],
 )
 def test_what_is_wrong_in_a_sequence_is_named_with_its_line(folder, more, problem):
     found = complaint(folder, one(more))
     assert 'suite.yaml: line 4: ' in found
     assert problem in found
+
+
+def test_a_stack_that_the_suite_states_is_checked_where_a_sequence_has_its_own(folder):
+    text = one('stack: {name: okvis}') + 'stack:\n  nam: vins\n'
+    assert "suite.yaml: line 7: stack: there is no 'nam' here" in complaint(folder, text)
 
 
 def test_as_many_causal_estimates_are_needed_as_final_ones(folder):

@@ -12,11 +12,11 @@ import pytest
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.reports.tables import tum
 from vio_eval_ros.scoring.baseline import Baseline, definition_sha256, Recorded
-from vio_eval_ros.scoring.documents import problems
 from vio_eval_ros.scoring.html import suite_html
 from vio_eval_ros.scoring.plots import MARKERS
 from vio_eval_ros.scoring.scoring import compared, score_suite, SequenceResult, SuiteResult
 from vio_eval_ros.scoring.suite import Suite
+from vio_eval_ros.scoring.tables import problems
 from vio_eval_ros.simulation import simulate
 
 HOSTILE = '</script><img src=x onerror=hacked=1><a href="https://example.org">%{x}</a>'
@@ -157,6 +157,13 @@ def test_empty_columns_are_left_out(result, parsed):
     assert {'sequence', 'runs', 'ATE [m]', 'verdict'} <= set(heads)
     assert not {'baseline', 'p', 'band'} & set(heads)
     assert 'All sequences passed' in suite_html(alone)
+
+
+def test_a_gate_on_what_is_unknown_is_used_up(result, parsed):
+    page = parsed(suite_html(SuiteResult([named(result, 'unreadable')])))
+    gates = named(result, 'unreadable').sequence.gates
+    bars = [attributes['style'] for attributes, _ in page.of('i')]
+    assert bars == ['width:100%'] * len(gates)
 
 
 def test_names_stay_text(result, parsed):

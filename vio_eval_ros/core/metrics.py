@@ -442,6 +442,26 @@ class RunningRpe:
         } | {f'rpe_{self._delta}_pairs': moments.count}
 
 
+def segment_errors(pairs: Pairs, scale: float, path: np.ndarray, length_m: float) -> np.ndarray:
+    """
+    Return the (2, M) relative errors per metre over segments of a length, in metres and degrees.
+
+    A segment begins at every tenth pair, and ends with the first that is further than its length.
+
+    :param path: (N,) metres from the first pair, as :func:`progress_along` gives them.
+    """
+    begin = np.arange(0, len(path), SEGMENT_STEP)
+    end = np.searchsorted(path, path[begin] + length_m, side='right')
+    inside = end < len(path)
+    begin, end = begin[inside], end[inside]
+    errors = np.empty((2, len(begin)))
+    for part in blocks(len(begin)):
+        motion = Motion.between(pairs, begin[part], end[part])
+        errors[0, part] = motion.pose_errors(scale)
+        errors[1, part] = np.degrees(motion.angles)
+    return errors / length_m
+
+
 class Segments(Metric):
     """Drift over lengths of path, as the KITTI benchmark takes it (Geiger et al. 2012)."""
 
@@ -458,17 +478,7 @@ class Segments(Metric):
     def _drift(
         self, name: str, pairs: Pairs, scale: float, path: np.ndarray, over: tuple[float, ...]
     ) -> dict[str, float]:
-        begin = np.arange(0, len(path), SEGMENT_STEP)
-        translations, angles = [np.empty(0)], [np.empty(0)]
-        for length in over:
-            end = np.searchsorted(path, path[begin] + length, side='right')
-            inside = end < len(path)
-            begins, ends = begin[inside], end[inside]
-            for part in blocks(len(begins)):
-                motion = Motion.between(pairs, begins[part], ends[part])
-                translations.append(motion.pose_errors(scale) / length)
-                angles.append(np.degrees(motion.angles) / length)
-        drift, turn = np.concatenate(translations), np.concatenate(angles)
+        drift, turn = np.hstack([segment_errors(pairs, scale, path, length) for length in over])
         return {
             f'{name}_trans_percent': 100 * _mean(drift),
             f'{name}_rot_deg_per_m': _mean(turn),

@@ -81,7 +81,7 @@ def course(result: Result, most_points: int = MOST_POINTS) -> Html:
     in_space = joined(
         [
             'Position error: 0 ', ramp, f' {number(run.hottest)} m and more (5 % of the pairs). ',
-            swatch(GREY), 'Ground truth.',
+            swatch(GREY), 'Ground truth', '.' if run.whole is None else ', dotted without pairs.',
         ]
     )  # fmt: skip
     return joined(
@@ -122,8 +122,9 @@ def _marks(run: Course) -> Iterator[object]:
         k, size = run.jumps[0]
         yield tag('span', '◇', style=f'color:{RED};margin:0 .3rem 0 .8rem;font-weight:700')
         yield (
-            f'{_count(len(run.jumps), "jump")} of the estimate, the largest of {number(size)} m '
-            f'at {run.seconds[k]:.1f} s.'
+            f'{_count(len(run.jumps), "jump")} of the estimate (from one pair to the next off by '
+            f'more than {number(run.least_jump)} m), the largest of {number(size)} m at '
+            f'{run.seconds[k]:.1f} s.'
         )
 
 
@@ -201,7 +202,8 @@ def _used(verdict: Verdict) -> Html:
     value, limit = verdict.value, verdict.gate.limit
     if verdict.gate.comparison == '>=':
         value, limit = limit, value
-    share = min(1.0, max(0.0, value / limit)) if limit and not math.isnan(value) else 1.0
+    known = limit and not math.isnan(verdict.value)
+    share = min(1.0, max(0.0, value / limit)) if known else 1.0
     return tag('div', tag('i', style=f'width:{100 * share:.0f}%'), class_=f'bar {verdict.word}')
 
 

@@ -95,7 +95,7 @@ async function draw(box) {
 function point(box, event) {
   const seconds = event.points[0].x;
   for (const path of box.closest('.run').querySelectorAll('.js-plotly-plot[data-shows=path]')) {
-    const {x, y, z, customdata} = path.data[1], last = path.data.length - 1;
+    const {x, y, z, customdata} = path.data.find(of => of.customdata), last = path.data.length - 1;
     let k = 0;
     customdata.forEach((at, n) => {
       if (at !== null && Math.abs(at - seconds) < Math.abs(customdata[k] - seconds)) k = n;

@@ -14,24 +14,25 @@ import numpy as np
 from vio_eval_ros.core.config import Delta, plain
 from vio_eval_ros.core.metrics import (
     candidates,
-    Motion,
     position_errors,
     progress_along,
     relative_errors,
     rotation_errors,
     RPE_KINDS,
-    SEGMENT_STEP,
+    segment_errors,
 )
 from vio_eval_ros.core.rotation import lengths
+from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.reports.result import Result
 
 Figure = dict[str, Any]
 
 MOST_POINTS = 2000
 DIGITS = 5
-# a jump is a step between two pairs that is off by more than this many times what nearly all are
-JUMP_OVER_P95 = 5.0
+#: a jump is a step from one pair to the next in which the aligned estimate moves otherwise than
+#: the ground truth by more than both: this, and this many times what 95 % of the steps are off by
 MIN_JUMP_M = 0.05
+JUMP_OVER_P95 = 5.0
 MOST_MARKS = 100
 # coordinates this many times larger than the run is long are drawn from an origin near it: the
 # graphics card has single precision
@@ -96,6 +97,7 @@ class Course:
     :param angles: (N,) of rotation, degrees; NaN where unknown.
     :param longest_s: above it, an interval without pairs is a gap.
     :param most_points: that are drawn of a line.
+    :param whole: ground truth also where there are no pairs, if it is known.
     """
 
     seconds: np.ndarray
@@ -106,6 +108,7 @@ class Course:
     angles: np.ndarray
     longest_s: float
     most_points: int = MOST_POINTS
+    whole: Trajectory | None = None
 
     @classmethod
     def of(cls, result: Result, most_points: int = MOST_POINTS) -> Course:
@@ -124,6 +127,7 @@ class Course:
             rotation_errors(pairs, alignment),
             max(result.config.max_gap_s, 3 * usual),
             most_points,
+            result.truth,
         )
 
     @cached_property
@@ -136,12 +140,21 @@ class Course:
     @cached_property
     def jumps(self) -> list[tuple[int, float]]:
         """The pairs to which the estimate jumped, and by how much [m], the largest first."""
-        steps = lengths(np.diff(self.estimate - self.truth, axis=0))
-        if not len(steps) or math.isnan(steps.sum()):
-            return []
-        limit = max(MIN_JUMP_M, JUMP_OVER_P95 * float(np.quantile(steps, 0.95)))
-        found = np.flatnonzero(steps > limit)
-        return sorted(((int(k) + 1, float(steps[k])) for k in found), key=lambda jump: -jump[1])
+        found = np.flatnonzero(self.steps > self.least_jump)
+        sizes = ((int(k) + 1, float(self.steps[k])) for k in found)
+        return sorted(sizes, key=lambda jump: -jump[1])
+
+    @cached_property
+    def least_jump(self) -> float:
+        """By how much [m] a step must be off to be a jump."""
+        if not len(self.steps):
+            return MIN_JUMP_M
+        return max(MIN_JUMP_M, JUMP_OVER_P95 * float(np.quantile(self.steps, 0.95)))
+
+    @cached_property
+    def steps(self) -> np.ndarray:
+        """(N - 1,) metres by which the estimate moved otherwise than the ground truth."""
+        return lengths(np.diff(self.estimate - self.truth, axis=0))
 
     @cached_property
     def hottest(self) -> float:
@@ -207,7 +220,9 @@ def path_3d(course: Course) -> Figure:
     """Return the aligned estimate in the colours of its error, with the ground truth, in 3-D."""
     chosen, kind = course.thinned(), {'type': 'scatter3d'}
     truth, estimate = (course.places(p, 'xyz', chosen) for p in (course.truth, course.estimate))
-    both = np.vstack([course.truth, course.estimate]) - course.origin
+    drawn = [course.truth, course.estimate]
+    drawn += [] if course.whole is None else [course.whole.positions]
+    both = np.vstack(drawn) - course.origin
     low, high = both.min(axis=0), both.max(axis=0)
     # a little room, and never flat; what plotly calls the aspect of the data fits cubes only
     room = max(0.02 * float((high - low).max()), 1e-3)
@@ -223,6 +238,7 @@ def path_3d(course: Course) -> Figure:
     }  # fmt: skip
     return {
         'data': [
+            *_outline(course, 'xyz', kind),
             {**kind, **truth, 'mode': 'lines', 'line': {'color': GREY, 'width': 2}, **QUIET},
             {**kind, **estimate, 'mode': 'lines', 'line': {**_colours(course, chosen), 'width': 5}}
             | _told(course, chosen),
@@ -250,6 +266,7 @@ def path_from_above(course: Course) -> Figure:
     right, up = (course.labels['xyz'.index(name)] for name in names)
     return {
         'data': [
+            *_outline(course, names, kind),
             {**kind, **truth, 'mode': 'lines', 'line': {'color': GREY, 'width': 1.5}, **QUIET},
             # every pair, be it alone, to be pointed at; over them lines of one colour each
             {**kind, **estimate, 'mode': 'markers',
@@ -261,6 +278,24 @@ def path_from_above(course: Course) -> Figure:
         ],
         'layout': layout(xaxis=axis(right), yaxis=axis(up, scaleanchor='x')),
     }  # fmt: skip
+
+
+def _outline(course: Course, names: str, kind: Figure) -> list[Figure]:
+    """Return all of the ground truth as a thin line, broken where it has a gap itself."""
+    if course.whole is None or not len(course.whole):
+        return []
+    stamps, positions = course.whole.stamps_ns, course.whole.positions - course.origin
+    stride = -(-len(stamps) // course.most_points)
+    chosen = np.unique(np.append(np.arange(0, len(stamps), stride), len(stamps) - 1))
+    seconds = np.diff(stamps[chosen]) / 1e9
+    usual = float(np.median(seconds)) if len(seconds) else 0.0
+    holes = np.flatnonzero(seconds > max(course.longest_s, 3 * usual)) + 1
+    places = {
+        axis: numbers(np.insert(positions[chosen, 'xyz'.index(name)], holes, math.nan))
+        for axis, name in zip('xyz', names, strict=False)
+    }
+    line = {'color': GREY, 'width': 1 if len(names) == 2 else 2, 'dash': 'dot'}
+    return [{**kind, **places, 'mode': 'lines', 'line': line, **QUIET}]
 
 
 def _colours(course: Course, chosen: np.ndarray) -> Figure:
@@ -456,17 +491,12 @@ def segment_samples(
     if pairs.turns is None:
         return []
     path = progress_along(pairs, 'm')
-    begin = np.arange(0, len(path), SEGMENT_STEP)
     drift, turn = {}, {}
     for length in lengths_m:
-        end = np.searchsorted(path, path[begin] + length, side='right')
-        inside = end < len(path)
-        if not inside.any():
-            continue
-        motion = Motion.between(pairs, begin[inside], end[inside])
-        name = f'{plain(length)} m'
-        drift[name] = 100 * motion.pose_errors(scale) / length
-        turn[name] = np.degrees(motion.angles) / length
+        errors = segment_errors(pairs, scale, path, length)
+        if errors.size:
+            name = f'{plain(length)} m'
+            drift[name], turn[name] = 100 * errors[0], errors[1]
     found = [('drift of position [%]', drift), ('drift of rotation [deg/m]', turn)]
     return [(title, samples) for title, samples in found if samples]
 

@@ -13,6 +13,7 @@ from vio_eval_ros.core.association import Stream
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Summary
 from vio_eval_ros.core.gates import Verdict
+from vio_eval_ros.core.trajectory import Trajectory
 
 SCHEMA = 'vio_eval_ros.result/1'
 
@@ -60,6 +61,8 @@ class Result:
     What was compared, how, what came out, and whether it is good enough.
 
     :param series: stamp [ns] and running values of each second, for the reports that show them.
+    :param truth: some positions of the ground truth, evenly over the run, to draw it also where it
+        has no pairs.
     """
 
     estimate: Input
@@ -68,6 +71,7 @@ class Result:
     summary: Summary
     verdicts: Sequence[Verdict] = ()
     series: Sequence[tuple[int, Mapping[str, float]]] = ()
+    truth: Trajectory | None = None
 
     @property
     def passed(self) -> bool | None:

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 import math
 
 from vio_eval_ros.core.gates import Verdict
 from vio_eval_ros.reports.documents import escaped, junit
-from vio_eval_ros.reports.text import number, percent, printable
-from vio_eval_ros.scoring.baseline import Comparison
+from vio_eval_ros.reports.text import number, printable
 from vio_eval_ros.scoring.html import suite_html
 from vio_eval_ros.scoring.scoring import SequenceResult, SuiteResult
 from vio_eval_ros.scoring.suite import RunsGate, SUCCESS_RATE
+from vio_eval_ros.scoring.tables import (
+    ATE,
+    broken_gate,
+    COLUMNS,
+    problems,
+    row_of,
+    unsuccessful,
+    worse_metric,
+    worst_first,
+)
 
-ATE = 'ate_trans_rmse_m'
-COLUMNS = (
-    'sequence', 'runs', 'ATE [m]', 'spread', 'baseline', 'change', 'p', 'coverage', 'success',
-    'band', 'verdict',
-)  # fmt: skip
 LATEX = {
     'ATE [m]': ATE,
     'ATE [deg]': 'ate_rot_rmse_deg',
@@ -38,9 +42,9 @@ def suite_text(result: SuiteResult) -> str:
     """Return the table of sequences, worst first, and what is wrong with each."""
     from tabulate import tabulate
 
-    rows = [list(map(printable, row)) for row in _table(result)]
+    rows = [list(map(printable, row)) for row in map(row_of, worst_first(result))]
     lines = [*tabulate(rows, COLUMNS, 'simple', disable_numparse=True).splitlines(), '']
-    for one in _worst_first(result):
+    for one in worst_first(result):
         lines += [f'{one.sequence.name}: {problem}' for problem in problems(one)]
     lines += [f'note: {note}' for note in result.notes]
     failed = sum(not one.passed for one in result.sequences)
@@ -58,10 +62,12 @@ def suite_markdown(result: SuiteResult) -> str:
     )
     lines = [f'### vio_eval_ros: {verdict}', '', '| ' + ' | '.join(COLUMNS) + ' |']
     lines.append('|---|' + '---:|' * (len(COLUMNS) - 3) + '---|---|')
-    lines += ['| ' + ' | '.join(map(escaped, row)) + ' |' for row in _table(result)]
+    lines += [
+        '| ' + ' | '.join(map(escaped, row)) + ' |' for row in map(row_of, worst_first(result))
+    ]
     details = [
         f'- **{escaped(one.sequence.name)}**: {escaped(problem)}'
-        for one in _worst_first(result)
+        for one in worst_first(result)
         for problem in problems(one)
     ]
     notes = [f'- {escaped(note)}' for note in result.notes]
@@ -114,7 +120,10 @@ def suite_junit(result: SuiteResult) -> str:
             for gate, verdict in one.verdicts
         ]
         cases += [
-            (f'{each.rule.metric} against the baseline', _worse(each) if each.worse else None)
+            (
+                f'{each.rule.metric} against the baseline',
+                worse_metric(each) if each.worse else None,
+            )
             for each in one.comparisons or ()
         ]
         values = {name: of.median for name, of in one.metrics.items()}
@@ -122,90 +131,15 @@ def suite_junit(result: SuiteResult) -> str:
     return junit(suites)
 
 
-def problems(one: SequenceResult) -> Iterator[str]:
-    """Yield a sentence for all that is wrong with a sequence, the grave things first."""
-    yield from (f'FAIL {_broken(g, v)}' for g, v in one.verdicts if v.word == 'fail')
-    yield from (f'FAIL {_worse(each)}' for each in one.comparisons or () if each.worse)
-    yield from _unsuccessful(one)
-    failed = {gate.gate.metric for gate, verdict in one.verdicts if verdict.word == 'fail'}
-    for gate, verdict in one.verdicts:
-        if verdict.word == 'warn' and gate.gate.metric not in failed:
-            yield f'warn {_broken(gate, verdict)}'
-
-
-def _unsuccessful(one: SequenceResult) -> Iterator[str]:
-    """Yield each run that was no success, and why."""
-    for run in one.runs:
-        if run.result is None:
-            yield f'{run.run.name}: {run.error}'
-        elif not run.succeeded(one.sequence):
-            metrics = run.result.summary.metrics
-            broken = [
-                f'{gate.metric} is {number(metrics[gate.metric])}'
-                for gate in one.sequence.success_gates
-                if not gate.passes(metrics[gate.metric])
-            ]
-            yield f'{run.run.name}: no success, {" and ".join(broken)}'
-
-
-def _table(result: SuiteResult) -> list[list[str]]:
-    return [_row(one) for one in _worst_first(result)]
-
-
-def _row(one: SequenceResult) -> list[str]:
-    ate = one.metrics.get(ATE)
-    compared = {each.rule.metric: each for each in one.comparisons or ()}.get(ATE)
-    words = {verdict.word for _, verdict in one.verdicts}
-    coverage = one.metrics.get('coverage_ratio')
-    return [
-        one.sequence.name,
-        str(len(one.runs)),
-        number(ate.median) if ate else '-',
-        f'± {number(ate.mad)}' if ate and len(ate.values) > 1 else '',
-        number(compared.baseline.median) if compared else '',
-        f'{100 * compared.difference / compared.baseline.median:+.1f} %'
-        if compared and compared.baseline.median
-        else '',
-        number(compared.p_value) if compared and not math.isnan(compared.p_value) else '',
-        percent(coverage.median) if coverage else '-',
-        percent(one.metrics[SUCCESS_RATE].median),
-        one.band or '',
-        ('warn' if 'warn' in words else 'pass') if one.passed else 'FAIL',
-    ]
-
-
-def _worst_first(result: SuiteResult) -> list[SequenceResult]:
-    """Return the failed before the passed, and of each the largest ATE first."""
-
-    def badness(one: SequenceResult) -> tuple[bool, float]:
-        ate = one.metrics[ATE].median if ATE in one.metrics else math.nan
-        return one.passed, -math.inf if math.isnan(ate) else -ate
-
-    return sorted(result.sequences, key=badness)
-
-
 def _gate_name(gate: RunsGate) -> str:
     over = '' if gate.over == 'median' else f' of the {gate.over} run'
     return f'{gate.gate}{over}' + (' (warning)' if gate.gate.severity == 'warn' else '')
 
 
-def _broken(gate: RunsGate, verdict: Verdict) -> str:
-    what = verdict.gate.metric + ('' if gate.over == 'median' else f' of the {gate.over} run')
-    return f'{what} is {number(verdict.value)}, the gate is {verdict.gate}'
-
-
 def _reason(one: SequenceResult, gate: RunsGate, verdict: Verdict) -> str:
     """Return why a gate failed, with the runs that were no success where it is about those."""
-    runs = _unsuccessful(one) if gate.gate.metric == SUCCESS_RATE else ()
-    return printable('; '.join([_broken(gate, verdict), *runs]))
-
-
-def _worse(one: Comparison) -> str:
-    metric, low, high = one.rule.metric, *one.interval
-    was, now = number(one.baseline.median), number(one.candidate.median)
-    chance = '' if math.isnan(one.p_value) else f', by chance with p = {number(one.p_value)}'
-    between = '' if math.isnan(low) else f', difference {number(low)} to {number(high)} (95 %)'
-    return f'{metric} was {was} and is {now}{chance}{between}'
+    runs = unsuccessful(one) if gate.gate.metric == SUCCESS_RATE else ()
+    return printable('; '.join([broken_gate(gate, verdict), *runs]))
 
 
 SUITE_REPORTS: dict[str, Callable[[SuiteResult], str]] = {

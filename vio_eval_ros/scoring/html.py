@@ -15,8 +15,8 @@ from vio_eval_ros.scoring.baseline import Comparison
 from vio_eval_ros.scoring.plots import marks, strips
 from vio_eval_ros.scoring.scoring import RunResult, SequenceResult, SuiteResult
 from vio_eval_ros.scoring.suite import RunsGate
+from vio_eval_ros.scoring.tables import ATE, COLUMNS, problems, row_of, worst_first
 
-ATE = 'ate_trans_rmse_m'
 # of each of many runs
 MOST_POINTS = 1000
 TEXTS = ('sequence', 'band', 'verdict')
@@ -25,9 +25,7 @@ NARROW = ('sequence', 'ATE [m]', 'change', 'verdict')
 
 def suite_html(result: SuiteResult) -> str:
     """Return a page: what failed, all sequences worst first, and each of them by itself."""
-    from vio_eval_ros.scoring.documents import _worst_first
-
-    ordered = _worst_first(result)
+    ordered = worst_first(result)
     failed = sum(not one.passed for one in ordered)
     scored = (one for one in ordered if any(run.result is not None for run in one.runs))
     worst = next((one for one in scored if not one.passed), None)
@@ -93,10 +91,9 @@ def _mark(sign: str, colour: str) -> Html:
 
 def _table(ordered: Iterable[SequenceResult]) -> Html:
     """Return a row for each sequence, which leads to what is below of it."""
-    from vio_eval_ros.scoring.documents import _row, COLUMNS
 
     def row(k: int, one: SequenceResult) -> list[object]:
-        name, *cells, verdict = _row(one)
+        name, *cells, verdict = row_of(one)
         word = verdict.lower()
         return [tag('a', name, href=f'#sequence-{k}'), *cells, badge(word, word)]
 
@@ -113,8 +110,6 @@ def _table(ordered: Iterable[SequenceResult]) -> Html:
 
 def _sequence(k: int, one: SequenceResult, worst: bool) -> Html:
     """Return all about a sequence, folded where it passed; of the worst, nothing is folded."""
-    from vio_eval_ros.scoring.documents import problems
-
     warned = any(verdict.word == 'warn' for _, verdict in one.verdicts)
     word = ('warn' if warned else 'pass') if one.passed else 'fail'
     ate = one.metrics.get(ATE)

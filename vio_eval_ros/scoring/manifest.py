@@ -19,11 +19,11 @@ from vio_eval_ros import __version__
 from vio_eval_ros.core.config import EvaluationConfig, nearest_name
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings.sources import Spec
-from vio_eval_ros.reports.result import Input, Result
+from vio_eval_ros.reports.result import Input, Result, without_nan
 from vio_eval_ros.scoring.run import sha256
 
 if TYPE_CHECKING:
-    from vio_eval_ros.scoring.scoring import SuiteResult
+    from vio_eval_ros.scoring.scoring import SequenceResult, SuiteResult
     from vio_eval_ros.scoring.suite import Suite
 
 SCHEMA = 'vio_eval_ros.manifest/1'
@@ -83,24 +83,32 @@ class Stack:
 
         :param base: what the paths of its configuration are relative to.
         """
-        for key in stated:
-            if key not in STACK_KEYS:
-                near = nearest_name(key, STACK_KEYS) or f'; there are {", ".join(STACK_KEYS)}'
-                raise ConfigError(f"stack: there is no '{key}' here{near}")
-        for key in STACK_KEYS[:-1]:
-            if not isinstance(stated.get(key), (str, type(None))):
-                raise ConfigError(f"stack: {key}: '{stated[key]}' is no text; put it into quotes")
+        check_stack(stated)
         listed = stated.get('config') or []
-        paths = [listed] if isinstance(listed, (str, Path)) else listed
-        if not isinstance(paths, list) or not all(isinstance(p, (str, Path)) for p in paths):
-            raise ConfigError('stack: config: a list of files is expected')
         return cls(
             stated.get('name'),
             stated.get('version'),
             stated.get('commit'),
-            tuple(Document.read(base / path) for path in paths),
+            tuple(Document.read(base / path) for path in _paths(listed)),
             tuple(Document.read(path) for path in calibration),
         )
+
+
+def check_stack(stated: Mapping[str, Any]) -> None:
+    """Raise ``ConfigError`` where what is stated of a stack makes no sense; no file is read."""
+    for key, value in stated.items():
+        if key not in STACK_KEYS:
+            near = nearest_name(key, STACK_KEYS) or f'; there are {", ".join(STACK_KEYS)}'
+            raise ConfigError(f"stack: there is no '{key}' here{near}")
+        if key != 'config' and not isinstance(value, (str, type(None))):
+            raise ConfigError(f"stack: {key}: '{value}' is no text; put it into quotes")
+    paths = _paths(stated.get('config') or [])
+    if not isinstance(paths, list) or not all(isinstance(path, (str, Path)) for path in paths):
+        raise ConfigError('stack: config: a list of files is expected')
+
+
+def _paths(listed: Any) -> Any:
+    return [listed] if isinstance(listed, (str, Path)) else listed
 
 
 class ScoredRun(NamedTuple):
@@ -136,18 +144,31 @@ class Manifest:
         self._folder = os.path.realpath(file.parent)
         self._root = root
         self._texts: dict[str, str] = {}
-        self._documents: dict[str, Any] = {}
+        self._facts: dict[str, Any] = {}
         self._sequences: list[dict[str, Any]] = []
         self._sha256 = cache(lambda path: sha256([path]))
 
     def add_document(self, name: str, document: Document) -> None:
         """Add a document about the whole."""
-        self._documents[name] = self._document(document)
+        self._facts[name] = self._document(document)
+
+    def add_fact(self, name: str, value: Any) -> None:
+        """Add what is to be said of the whole."""
+        self._facts[name] = value
 
     def add_sequence(
-        self, name: str, config: EvaluationConfig, stack: Stack, runs: Iterable[ScoredRun]
+        self,
+        name: str,
+        config: EvaluationConfig,
+        stack: Stack,
+        runs: Iterable[ScoredRun],
+        judged: Mapping[str, Any] | None = None,
     ) -> None:
-        """Add the runs of a sequence, which share their options and the stack."""
+        """
+        Add the runs of a sequence, which share their options and the stack.
+
+        :param judged: what all of them together were found to be, where they were judged.
+        """
         self._sequences.append(
             {
                 'name': name,
@@ -158,6 +179,7 @@ class Manifest:
                 'calibration': [self._document(document) for document in stack.calibration],
                 'options': config.to_dict(),
                 'runs': [self._run(run) for run in runs],
+                **(judged or {}),
             }
         )
 
@@ -169,7 +191,7 @@ class Manifest:
             'schema': SCHEMA,
             'tool': {'name': 'vio_eval_ros', 'version': __version__},
             'machine': machine(),
-            **self._documents,
+            **self._facts,
             'sequences': self._sequences,
             'texts': self._texts,
         }
@@ -231,22 +253,47 @@ def manifest_of_suite(
     stacks = {one.name: Stack.of(one.stack, one.calibration, base) for one in suite.sequences}
 
     def finished(result: SuiteResult) -> str:
-        for sequence, runs in ((one.sequence, one.runs) for one in result.sequences):
+        for one in result.sequences:
+            sequence = one.sequence
             scored = [
                 ScoredRun(
-                    one.run.estimate,
+                    of.run.estimate,
                     sequence.ground_truth,
-                    one.result,
-                    one.error,
-                    one.run.recording,
-                    one.run.causal,
+                    of.result,
+                    of.error,
+                    of.run.recording,
+                    of.run.causal,
                 )
-                for one in runs
+                for of in one.runs
             ]
-            manifest.add_sequence(sequence.name, sequence.config, stacks[sequence.name], scored)
+            stack = stacks[sequence.name]
+            manifest.add_sequence(sequence.name, sequence.config, stack, scored, judged(one))
+        manifest.add_fact('set', list(suite.overrides))
+        manifest.add_fact('verdict', result.verdict)
         return manifest.to_json()
 
     return finished
+
+
+def judged(one: SequenceResult) -> dict[str, Any]:
+    """Return the gates over the runs of a sequence, what it was compared with, and the verdict."""
+    comparisons = one.comparisons
+    return without_nan(
+        {
+            'gates': one.gates_to_dicts(),
+            'comparisons': None
+            if comparisons is None
+            else [
+                {
+                    'rule': each.rule._asdict(),
+                    'baseline_values': list(each.baseline.values),
+                    'found': each.to_dict(),
+                }
+                for each in comparisons
+            ],
+            'verdict': one.verdict,
+        }
+    )
 
 
 def machine() -> dict[str, str]:

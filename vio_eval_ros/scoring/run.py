@@ -5,13 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
+import numpy as np
+
+from vio_eval_ros.core.association import Associator, BEFORE_ALL, Stream
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.gates import Gate, judge
-from vio_eval_ros.core.trajectory import Poses
+from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.errors import NoPairs
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.reports.result import Input, Result
+
+#: poses of the ground truth that are kept to draw it
+MOST_OUTLINED = 2000
 
 
 def score_run(
@@ -56,6 +62,7 @@ def score_run(
         config,
         summary,
         judge(gates, summary.metrics),
+        truth=_outline(config, truth, streams.ground_truth),
     )
 
 
@@ -68,6 +75,16 @@ def _evaluated(
     evaluation.add_estimate(poses, estimate.zero_stamps)
     evaluation.flush()
     return evaluation
+
+
+def _outline(config: EvaluationConfig, truth: Source, used: Stream) -> Trajectory:
+    """Return some positions of the body, evenly over the ground truth that was used."""
+    count = min(len(truth.poses), MOST_OUTLINED)
+    chosen = np.linspace(0, len(truth.poses) - 1, count).round().astype(int)
+    stream = Associator(config).ground_truth
+    stream.receive(truth.poses[chosen], BEFORE_ALL, truth.zero_stamps)
+    stream.crop(used.first_used_ns, used.last_used_ns)
+    return Trajectory(stream.waiting.stamps_ns, stream.waiting.positions)
 
 
 def sha256(paths: Sequence[Path]) -> str | None:

@@ -112,6 +112,11 @@ class SequenceResult:
         return not worse and all(verdict.word != 'fail' for _, verdict in self.verdicts)
 
     @property
+    def verdict(self) -> str:
+        """Pass or fail, as results have it."""
+        return 'pass' if self.passed else 'fail'
+
+    @property
     def recorded(self) -> Recorded:
         """What a baseline keeps of it."""
         options = self.sequence.config.to_dict()
@@ -143,7 +148,7 @@ class SequenceResult:
             'options': sequence.config.to_dict(),
             'runs': [run.to_dict(sequence) for run in self.runs],
             'metrics': {name: found.to_dict() for name, found in self.metrics.items()},
-            'gates': [{**verdict.to_dict(), 'of': gate.over} for gate, verdict in self.verdicts],
+            'gates': self.gates_to_dicts(),
             'band': None
             if sequence.band is None
             else {
@@ -155,8 +160,12 @@ class SequenceResult:
             'baseline': None
             if self.comparisons is None
             else {each.rule.metric: each.to_dict() for each in self.comparisons},
-            'verdict': 'pass' if self.passed else 'fail',
+            'verdict': self.verdict,
         }
+
+    def gates_to_dicts(self) -> list[dict[str, Any]]:
+        """Return the gates over the runs as results have them."""
+        return [{**verdict.to_dict(), 'of': gate.over} for gate, verdict in self.verdicts]
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,6 +184,11 @@ class SuiteResult:
         """Whether all sequences passed."""
         return all(one.passed for one in self.sequences)
 
+    @property
+    def verdict(self) -> str:
+        """Pass or fail, as results have it."""
+        return 'pass' if self.passed else 'fail'
+
     def to_dict(self) -> dict[str, Any]:
         """Return the result as schema ``vio_eval_ros.suite/1`` has it: no NaN, but None."""
         result = {
@@ -182,7 +196,7 @@ class SuiteResult:
             'tool': {'name': 'vio_eval_ros', 'version': __version__},
             'sequences': [one.to_dict() for one in self.sequences],
             'notes': list(self.notes),
-            'verdict': 'pass' if self.passed else 'fail',
+            'verdict': self.verdict,
         }
         return {name: without_nan(value) for name, value in result.items()}
 

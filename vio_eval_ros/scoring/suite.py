@@ -18,7 +18,7 @@ of the suite, name by name.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from glob import glob, has_magic
 import math
 from pathlib import Path
@@ -31,6 +31,7 @@ from vio_eval_ros.core.gates import Gate
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.recordings.sources import Spec
 from vio_eval_ros.scoring.baseline import Rule
+from vio_eval_ros.scoring.manifest import check_stack
 from vio_eval_ros.settings import finite, load_yaml, parse_yaml, Section
 
 SHARED_KEYS = ('options', 'gates', 'compare', 'bands', 'modality', 'tags', 'stack', 'calibration')
@@ -93,12 +94,12 @@ class Sequence:
     ground_truth: str
     config: EvaluationConfig
     gates: tuple[RunsGate, ...]
-    rules: tuple[Rule, ...]
-    band: Mapping[str, float] | None
-    modality: str | None
-    tags: tuple[str, ...]
-    stack: Mapping[str, Any]
-    calibration: tuple[Path, ...]
+    rules: tuple[Rule, ...] = ()
+    band: Mapping[str, float] | None = None
+    modality: str | None = None
+    tags: tuple[str, ...] = ()
+    stack: Mapping[str, Any] = field(default_factory=dict)
+    calibration: tuple[Path, ...] = ()
 
     @property
     def paths(self) -> Iterable[Path]:
@@ -126,11 +127,16 @@ class Sequence:
 
 @dataclass(frozen=True)
 class Suite:
-    """All sequences of a file."""
+    """
+    All sequences of a file.
+
+    :param overrides: what was set from outside, ``key.key=value`` each.
+    """
 
     file: Path
     sequences: tuple[Sequence, ...]
     manifest: Path | None = None
+    overrides: tuple[str, ...] = ()
 
     @classmethod
     def load(cls, file: Path, overrides: Iterable[str] = (), tags: Iterable[str] = ()) -> Suite:
@@ -142,7 +148,7 @@ class Suite:
             given.
         :raises ConfigError: what is wrong in it, with its line; also a glob without a match.
         """
-        top = load_yaml(file)
+        top, overrides = load_yaml(file), tuple(overrides)
         for text in overrides:
             _override(top, text)
         top.expect('sequences', 'manifest', *SHARED_KEYS)
@@ -164,6 +170,7 @@ class Suite:
             file,
             tuple(_sequence(top, one) for one in chosen),
             None if manifest is None else file.parent / manifest,
+            overrides,
         )
 
     @property
@@ -203,7 +210,7 @@ def _sequence(top: Section, one: Section) -> Sequence:
         _band(top, one, name, modality),
         modality,
         tuple(_tags(top, one)),
-        {**top.section('stack'), **one.section('stack')},
+        _stack(top, one),
         tuple(base / path for path in _texts(one, 'calibration') or _texts(top, 'calibration')),
     )
 
@@ -295,6 +302,18 @@ def _rules(top: Section, one: Section, config: EvaluationConfig) -> tuple[Rule, 
             except ConfigError as error:
                 raise section.error(metric, error) from None
     return tuple(rules.values())
+
+
+def _stack(top: Section, one: Section) -> dict[str, Any]:
+    """Return what is stated of the software under test; its files are read for manifests only."""
+    sections = (top.section('stack'), one.section('stack'))
+    for section in sections:
+        for key, value in section.items():
+            try:
+                check_stack({key: value})
+            except ConfigError as error:
+                raise section.error(key, error) from None
+    return {**sections[0], **sections[1]}
 
 
 def _band(

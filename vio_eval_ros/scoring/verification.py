@@ -22,11 +22,17 @@ from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.sources import read_sources, Spec
 from vio_eval_ros.reports.result import Result
-from vio_eval_ros.scoring.manifest import machine, MAX_BYTES, SCHEMA
+from vio_eval_ros.scoring.baseline import compare, Distribution, Rule
+from vio_eval_ros.scoring.manifest import judged, machine, MAX_BYTES, SCHEMA
 from vio_eval_ros.scoring.run import score_run, sha256
+from vio_eval_ros.scoring.scoring import RunResult, SequenceResult
+from vio_eval_ros.scoring.suite import OVER, Run, RunsGate, Sequence
+from vio_eval_ros.settings import finite
 
 #: parts of a result that are compared; the others say how it was made, or have paths in them
 COMPARED = ('config', 'inputs', 'verdict', 'gates', 'metrics', 'association', 'alignment')
+#: parts of a sequence that are compared: what its runs were found to be together
+JUDGED = ('gates', 'comparisons', 'verdict')
 NAMES = ('inputs.estimate.source', 'inputs.ground_truth.source')
 #: what reading anything but a manifest raises
 DAMAGED = (
@@ -72,48 +78,137 @@ class RecordedRun(NamedTuple):
     values: Mapping[str, Any]
 
 
+class RecordedSequence(NamedTuple):
+    """
+    A sequence of a manifest.
+
+    :param runs: None in place of one that could not be scored.
+    :param gates: over all runs, and ``rules`` with the values of the baseline that they were
+        compared with, None where there was none.
+    :param judged: what came of both, by dotted names; nothing where runs were not judged together.
+    """
+
+    name: str
+    runs: tuple[RecordedRun | None, ...]
+    config: EvaluationConfig
+    gates: tuple[RunsGate, ...]
+    rules: tuple[tuple[Rule, tuple[float, ...]], ...] | None
+    judged: Mapping[str, Any]
+
+    def judge(self, results: Iterable[Result | None]) -> SequenceResult:
+        """Return what the runs are together, given the result of each."""
+        runs = [RunResult(Run('', ''), result) for result in results]
+        sequence = Sequence(self.name, (), '', self.config, self.gates)
+        alone = SequenceResult(sequence, runs)
+        if self.rules is None:
+            return alone
+        nothing = Distribution(())
+        comparisons = [
+            compare(rule, baseline, alone.metrics.get(rule.metric, nothing).values)
+            for rule, baseline in self.rules
+        ]
+        return SequenceResult(sequence, runs, comparisons)
+
+
 def verify(file: Path, progress: Progress = silent) -> Verification:
     """
-    Score the runs of a manifest again, and compare their results bit by bit.
+    Score the runs of a manifest again, judge them again, and compare the results bit by bit.
 
     :raises ReadError: no manifest, or a damaged one.
     """
     try:
-        runs, notes = _load(file)
+        sequences, verdict, notes = _load(file)
     except DAMAGED as error:
         what = f'{type(error).__name__}: {error}'
         raise ReadError(file, f'is no manifest, or a damaged one ({what:.200})') from None
+    runs = [run for one in sequences for run in one.runs if run is not None]
     if not runs:
         raise ReadError(file, 'has no result that could be reproduced')
     differences: list[str] = []
+    results: list[Result | None] = []
     reproduced = 0
     for run in progress(runs, len(runs)):
-        found = [f'{run.name}: {difference}' for difference in _differences(run)]
-        reproduced += not found
-        differences += found
+        result, others = _scored_again(run)
+        results.append(result)
+        reproduced += not others
+        differences += [f'{run.name}: {difference}' for difference in others]
+    differences += _judged_again(sequences, iter(results), verdict)
     return Verification(len(runs), reproduced, tuple(differences), tuple(notes))
 
 
-def _load(file: Path) -> tuple[list[RecordedRun], list[str]]:
-    """Return the runs of a manifest that have a result, and what has changed around them."""
+def _judged_again(
+    sequences: Iterable[RecordedSequence], results: Iterator[Result | None], verdict: str | None
+) -> Iterator[str]:
+    """Yield what is other than it was when the runs were judged, given their results."""
+    passed = True
+    for one in sequences:
+        again = [None if run is None else next(results) for run in one.runs]
+        if one.judged:
+            judgement = one.judge(again)
+            passed &= judgement.passed
+            for difference in _others(one.judged, judged(judgement)):
+                yield f'{one.name}: {difference}'
+    if verdict is not None:
+        now = {'verdict': 'pass' if passed else 'fail'}
+        yield from (f'suite: {difference}' for difference in _others({'verdict': verdict}, now))
+
+
+def _load(file: Path) -> tuple[list[RecordedSequence], str | None, list[str]]:
+    """Return the sequences of a manifest, the verdict on all, and what has changed around them."""
     content = _parsed(file)
-    runs, notes = [], []
+    sequences, notes = [], []
     was, now = _of(content['machine'], dict), machine()
     was['vio_eval_ros'], now['vio_eval_ros'] = _of(content['tool'], dict)['version'], __version__
     for name, value in now.items():
         if was.get(name) != value:
             notes.append(f'{name} was {was.get(name)!s:.60}, is {value}')
+    notes += _changed(
+        _files(file.parent, [content[name] for name in ('suite', 'baseline') if name in content])
+    )
     for sequence in _of(content['sequences'], list):
         documents = [*_of(sequence['stack'], dict)['config'], *_of(sequence['calibration'], list)]
         notes += _changed(_files(file.parent, documents))
         config = EvaluationConfig.from_mapping(_of(sequence['options'], dict))
+        runs: list[RecordedRun | None] = []
         for run in _of(sequence['runs'], list):
             name = f'{_of(sequence["name"], str)}, {_of(run["estimate"]["spec"], str)}'
             if run['result'] is None:
                 notes.append(f'{name}: could not be scored then: {run["error"]!s:.200}')
+                runs.append(None)
             else:
                 runs.append(_recorded(file.parent, name, config, run))
-    return runs, list(dict.fromkeys(notes))
+        sequences.append(_recorded_sequence(sequence, config, runs))
+    return sequences, content.get('verdict'), list(dict.fromkeys(notes))
+
+
+def _recorded_sequence(
+    sequence: Mapping[str, Any], config: EvaluationConfig, runs: Iterable[RecordedRun | None]
+) -> RecordedSequence:
+    name, runs = sequence['name'], tuple(runs)
+    if 'verdict' not in sequence:
+        return RecordedSequence(name, runs, config, (), None, {})
+    if not runs:
+        raise ValueError('a sequence was judged without runs')
+    gates = tuple(_runs_gate(_of(gate, dict)) for gate in _of(sequence['gates'], list))
+    compared = sequence['comparisons']
+    rules = None if compared is None else tuple(_rule(_of(one, dict)) for one in compared)
+    parts = {part: sequence[part] for part in JUDGED}
+    return RecordedSequence(name, runs, config, gates, rules, dict(_flat(parts)))
+
+
+def _runs_gate(gate: Mapping[str, Any]) -> RunsGate:
+    if gate['of'] not in OVER:
+        raise ValueError(f'a gate is of {" or ".join(OVER)}')
+    return RunsGate(_gate(gate), gate['of'])
+
+
+def _rule(comparison: Mapping[str, Any]) -> tuple[Rule, tuple[float, ...]]:
+    """Return a rule, and the values of the baseline."""
+    limits = dict(_of(comparison['rule'], dict))
+    values = tuple(finite(value) for value in _of(comparison['baseline_values'], list))
+    if any(map(math.isnan, values)):
+        raise ValueError('a baseline has values that are no numbers')
+    return Rule.of(_of(limits.pop('metric'), str), limits), values
 
 
 def _parsed(file: Path) -> dict[str, Any]:
@@ -154,22 +249,27 @@ def _recorded(
     )
 
 
-def _differences(run: RecordedRun) -> Iterator[str]:
-    """Yield what is other than it was when the run was scored."""
-    yield from _changed(run.files)
+def _scored_again(run: RecordedRun) -> tuple[Result | None, list[str]]:
+    """Return the result of a run if there is one, and what is other than it was."""
+    differences = list(_changed(run.files))
     if not all(map(_is_there, run.files)):
-        return
+        return None, differences
     try:
         result = _score(run)
     except (VioEvalError, OSError) as error:
-        yield f'cannot be scored any more: {error}'
-        return
+        return None, [*differences, f'cannot be scored any more: {error}']
     parts = result.to_dict()
+    now = {part: parts[part] for part in COMPARED}
+    return result, [*differences, *_others(run.values, now)]
+
+
+def _others(values: Mapping[str, Any], content: Mapping[str, Any]) -> Iterator[str]:
+    """Yield which of the values, by dotted names, are others in what there is now."""
     # as it is after a round trip through JSON
-    now = dict(_flat(json.loads(json.dumps({part: parts[part] for part in COMPARED}))))
+    now = dict(_flat(json.loads(json.dumps(content))))
     other = {
         name: (was, now.get(name, 'absent'))
-        for name, was in run.values.items()
+        for name, was in values.items()
         if name not in NAMES and (name not in now or now[name] != was)
     }
     for name in list(other)[:MOST_SHOWN]:
@@ -177,7 +277,7 @@ def _differences(run: RecordedRun) -> Iterator[str]:
     if len(other) > MOST_SHOWN:
         most = max(other, key=lambda name: _share(*other[name]))
         yield (
-            f'{len(other)} of {len(run.values)} values differ, most of all '
+            f'{len(other)} of {len(values)} values differ, most of all '
             f'{_shown(most)}, which {_comparison(*other[most])}'
         )
 
@@ -220,6 +320,8 @@ def _comparison(was: Any, now: Any) -> str:
 
 def _share(was: Any, now: Any) -> float:
     """Return by how much of the larger of two numbers they differ; 0 of what is no number."""
+    if isinstance(was, bool) or isinstance(now, bool):
+        return 0.0
     try:
         share = abs(now - was) / max(abs(now), abs(was))
     except (TypeError, OverflowError):
