@@ -135,6 +135,7 @@ def running(name: str, *arguments: object) -> Iterator[subprocess.Popen]:
 
 
 if __name__ == '__main__':
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         sys.exit(main(*sys.argv[1:]))
     except KeyboardInterrupt:

@@ -51,7 +51,8 @@ def test_the_figures_change_while_it_plays_and_equal_those_of_replay_in_the_end(
 
 
 @needs_ros
-def test_an_interrupted_demo_leaves_no_process(tmp_path):
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_an_interrupted_demo_leaves_no_process(tmp_path, number):
     demo = subprocess.Popen(
         [*DEMO, tmp_path],
         stdout=subprocess.PIPE,
@@ -67,7 +68,7 @@ def test_an_interrupted_demo_leaves_no_process(tmp_path):
     for _ in demo.stdout:  # a row of figures: both are running
         started |= set(children.read_text().split())
         break
-    demo.send_signal(signal.SIGINT)
+    demo.send_signal(number)
     _, complaint = demo.communicate(timeout=LIMIT_S)
     assert demo.returncode == 1
     assert complaint.strip() == 'interrupted'

@@ -11,8 +11,10 @@ import numpy as np
 import pytest
 
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.trajectory import Trajectory
+from vio_eval_ros.imu.simulate import EUROC
 from vio_eval_ros.reports.tables import tum
-from vio_eval_ros.simulation import simulate
+from vio_eval_ros.simulation import simulate, write_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / 'demo' / 'simulated_flight'
@@ -142,6 +144,54 @@ def test_a_gyroscope_is_held_against_the_estimate(flight):
     assert found['turn_deg'] < 0.5
 
 
+@pytest.mark.parametrize('name', ['run.bag', 'run.mcap', 'run'])
+def test_the_gyroscope_of_a_recording_gives_offset_turn_and_bias(tmp_path, name):
+    # the IMU is turned in the body, and its stamps are 25 ms early
+    turn = rotation.from_rotation_vector(np.array([0.3, -0.8, 0.2]))
+    bias = np.array([0.02, -0.01, 0.005])
+    run = simulate(duration_s=40.0, imu_noise=EUROC)
+    samples = run.imu.samples.copy()
+    samples[:, :3] = rotation.rotate(rotation.conjugate(turn), samples[:, :3]) + bias
+    imu = replace(run.imu, stamps_ns=run.imu.stamps_ns - 25_000_000, samples=samples)
+    write_recording(replace(run, imu=imu), tmp_path / name)
+    done = diagnose(tmp_path / name, '--imu', '/imu0', '--json')
+    assert done.returncode == 0, done.stderr
+    document = json.loads(done.stdout)
+    assert document['causes'] == []
+    found = document['findings']['gyroscope']
+    assert found['offset_s'] == pytest.approx(0.025, abs=1e-3)
+    assert abs(found['offset_s'] - 0.025) <= found['offset_uncertainty_s'] < 5e-3
+    apart = rotation.angle_between(np.array(found['turn_xyzw']), turn)
+    assert np.degrees(apart) < 0.3
+    assert found['bias_rad_s'] == pytest.approx(bias.tolist(), abs=3e-3)
+    assert found['misfit'] < 0.2
+    text = diagnose(tmp_path / name, '--imu', '/imu0').stdout
+    assert 'gyroscope     the stamps of the estimate are 2' in text
+
+
+def test_a_gyroscope_that_never_turns_is_refused(flight, tmp_path):
+    stamps_ns = 1_403_715_524_907_140_096 + 5_000_000 * np.arange(4000)
+    rows = [f'{stamp},0,0,0,0,0,9.81' for stamp in stamps_ns.tolist()]
+    (tmp_path / 'imu.csv').write_text('\n'.join(rows) + '\n')
+    said = complaint(*pair(flight, 'est'), '--imu', tmp_path / 'imu.csv')
+    assert 'do not both turn' in said
+
+
+def test_a_truth_that_was_interpolated_is_pointed_out(flight, tmp_path):
+    truth = simulate(duration_s=40.0).ground_truth
+    knots = truth[::10]
+    stamps_ns = truth.stamps_ns[truth.stamps_ns <= knots.stamps_ns[-1]]
+    points = [
+        np.interp(stamps_ns - stamps_ns[0], knots.stamps_ns - stamps_ns[0], column)
+        for column in knots.positions.T
+    ]
+    straight = Trajectory(stamps_ns, np.stack(points, -1), truth.rotations[: len(stamps_ns)])
+    (tmp_path / 'gt.txt').write_text(tum(straight))
+    files = ['--estimate', f'{flight}/est.txt', '--ground-truth', f'{tmp_path}/gt.txt']
+    assert 'interpolated from poses 50 ms apart' in diagnose(*files).stdout
+    assert 'interpolated' not in diagnose(*pair(flight, 'est')).stdout
+
+
 def test_two_signals_are_aligned_without_any_trajectory(tmp_path):
     seconds = np.arange(0, 30, 0.01)
 
@@ -158,6 +208,44 @@ def test_two_signals_are_aligned_without_any_trajectory(tmp_path):
     assert done.returncode == 0, done.stderr
     assert json.loads(done.stdout)['offset_s'] == pytest.approx(0.25, abs=1e-4)
     assert 'are 250.00 ± ' in diagnose(*files).stdout
+
+
+def test_signals_that_cannot_be_compared_are_refused_in_one_line(tmp_path):
+    seconds = np.arange(0, 10, 0.01)
+    contents = {
+        'good': np.column_stack([seconds, np.sin(seconds) + np.sin(3 * seconds)]),
+        'unknown': np.column_stack([seconds, np.full(len(seconds), np.nan)]),
+        'constant': np.column_stack([seconds, np.ones(len(seconds))]),
+        'few': np.column_stack([seconds, seconds])[:3],
+        'narrow': seconds[:, None],
+    }
+    for name, rows in contents.items():
+        lines = [' '.join(map(str, row)) for row in rows.tolist()]
+        (tmp_path / f'{name}.csv').write_text('\n'.join(lines) + '\n')
+    good = tmp_path / 'good.csv'
+    for name, said in {
+        'unknown': 'no finite value',
+        'constant': 'never changes',
+        'few': '1000 and 3 samples',
+        'narrow': 'two columns, time and value',
+        'missing': 'No such file',
+    }.items():
+        assert said in complaint('--signals', good, tmp_path / f'{name}.csv')
+    assert '2 arguments' in complaint('--signals', good)
+    for flag in (['--apply'], ['--fail-on', 'scale'], ['--imu', '/imu0']):
+        assert f'leave out {flag[0]}' in complaint('--signals', good, good, *flag)
+    assert 'leave out RECORDING' in complaint(DEMO, '--signals', good, good)
+
+
+def test_causes_to_fail_on_are_names_with_commas_between(flight):
+    assert diagnose(*pair(flight, 'late'), '--fail-on', 'scale, time_offset').returncode == 1
+    assert "did you mean 'scale'?" in complaint(*pair(flight, 'est'), '--fail-on', 'scalee')
+    for nothing in ('', ',', 'scale,'):
+        assert "there is no cause ''" in complaint(DEMO, '--fail-on', nothing)
+
+
+def test_a_crop_that_leaves_nothing_is_one_line(flight):
+    assert 'has 0 usable poses' in complaint(*pair(flight, 'est'), '--start-s', 500, '--apply')
 
 
 def test_what_cannot_be_done_is_one_line(flight, tmp_path):

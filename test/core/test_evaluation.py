@@ -673,3 +673,28 @@ def test_a_ground_truth_that_is_complete_does_not_wait(flight, estimated):
     *_, (_, last) = series.rest()
     assert last['pairs'] == 100
     assert series.evaluation.associator.ground_truth.counts.overflow == 0
+
+
+def test_a_series_does_not_go_back_for_a_late_pose(flight, estimated):
+    series, estimate = RunningSeries(EvaluationConfig()), estimated(flight)
+    late = np.r_[:100, 130:250, 100:130, 250:400]
+    stamps = []
+    for part in np.split(late, range(20, 400, 20)):
+        series.add_estimate(estimate[part])
+        series.add_ground_truth(flight[: part.max() + 1][-20:])
+        stamps += [stamp_ns for stamp_ns, _ in series.rows()]
+    stamps += [stamp_ns for stamp_ns, _ in series.rest()]
+    assert len(stamps) > 5
+    assert (np.diff(stamps) > 0).all()
+    assert series.evaluation.associator.estimate.counts.late
+
+
+def test_poses_stamped_0_are_counted_and_have_no_row(flight, estimated):
+    series, estimate = RunningSeries(EvaluationConfig()), estimated(flight)
+    unstamped = replace(estimate[:7], stamps_ns=np.zeros(7, np.int64))
+    series.add_estimate(unstamped, zero_stamps=False)
+    series.add_estimate(estimate, zero_stamps=False)
+    series.add_ground_truth(flight)
+    stamps = [stamp_ns for stamp_ns, _ in series.rest()]
+    assert stamps[0] >= flight.stamps_ns[0]
+    assert series.evaluation.associator.estimate.counts.zero_stamp == 7

@@ -421,3 +421,49 @@ def test_rotations_that_never_change_stand_for_none():
     assert found.findings['position_only']
     assert names(found) == []
     assert {'sensor_rotation', 'lever_arm'} <= set(found.cannot_tell)
+
+
+def test_an_offset_of_the_orientations_alone_is_not_named():
+    # what a tracker does that filters positions and orientations differently
+    truth = replace(TRUTH, rotations=np.roll(TRUTH.rotations, -10, axis=0))[:-10]
+    found = diagnose(ESTIMATE, truth, CONFIG)
+    assert found.findings['time_offset']['value'] == pytest.approx(0.05, abs=1e-3)
+    assert found.findings['positions_contradict_offset']
+    assert names(found) == []
+    assert {'time_offset', 'lever_arm'} <= set(found.cannot_tell)
+    assert not HEALTHY.findings['positions_contradict_offset']
+
+
+def test_a_heading_that_walks_at_random_does_not_run_away():
+    rng = np.random.default_rng(11)
+    named = 0
+    for seed in range(10):
+        run = simulate(duration_s=40.0, seed=seed)
+        walk = np.cumsum(rng.normal(0, math.radians(1.2) * math.sqrt(0.05), len(run.estimate)))
+        turns = rotation.from_rotation_vector(np.outer(walk, [0, 0, 1]))
+        steps = rotation.rotate(turns[:-1], np.diff(run.estimate.positions, axis=0))
+        walked = replace(
+            run.estimate,
+            positions=np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)]),
+            rotations=rotation.multiply(turns, run.estimate.rotations),
+        )
+        named += 'yaw_drift' in names(diagnose(walked, run.ground_truth, CONFIG))
+    assert named <= 2
+
+
+def test_a_few_keyframes_are_diagnosed_as_far_as_they_go():
+    found = diagnose(ESTIMATE[:600:25], TRUTH[:6000:250], CONFIG)
+    assert names(found) == []
+    assert 'scale' not in found.findings or found.findings['scale']['value'] > 0
+
+
+def test_a_drift_of_what_stands_still_is_no_static_truth():
+    resting = replace(
+        TRUTH,
+        positions=np.tile(TRUTH.positions[:1], (len(TRUTH), 1)),
+        rotations=np.tile(TRUTH.rotations[:1], (len(TRUTH), 1)),
+    )
+    along = np.linspace(0, 0.15, len(ESTIMATE))[:, None] * [1.0, 0.0, 0.0]
+    still = np.tile(ESTIMATE.rotations[:1], (len(ESTIMATE), 1))
+    drifting = replace(ESTIMATE, positions=along, rotations=still)
+    assert names(diagnose(drifting, resting, CONFIG)) == ['insufficient_motion']

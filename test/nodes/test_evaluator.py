@@ -204,10 +204,13 @@ QOS = '-p qos_overrides./estimate.subscription'
         ('-p gates_file:=/nowhere.yaml', 'gates_file: /nowhere.yaml: No such file'),
         ('-p ground_truth_file:=/nowhere.txt', '/nowhere.txt'),
         ('-p estimate_type:=std_msgs/msg/String', 'carries no pose'),
+        ('-p rpe_deltas:=[1q]', "rpe_deltas: '1q' is no delta"),
         ('-p publish_metrics:=[ate]', "there is no metric 'ate'"),
         ('-p use_sim_time:=maybe', "'use_sim_time' to 'maybe' of type 'STRING', expecting type"),
         (f'{QOS}.reliability:=relible', 'policy `reliability`: `relible`'),
         (f'{QOS}.depth:=deep', "expecting type 'INTEGER'"),
+        (f'{QOS}.depth:=0', 'qos_overrides./estimate: depth is a number from 1 to 1000000'),
+        (f'{QOS}.history:=system_default', 'history is keep_last or keep_all'),
         (
             f'{QOS}.relability:=reliable',
             "did you mean 'qos_overrides./estimate",

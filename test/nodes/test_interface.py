@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.evaluation import metric_names
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -55,6 +56,15 @@ def test_every_topic_can_be_listened_to(graph, another, flown, evaluator, flight
     assert math.dist((aligned.x, aligned.y, aligned.z), (truth.x, truth.y, truth.z)) < 0.2
     (marker,) = markers[0].markers
     assert len(marker.points) == len(marker.colors) == 381
+
+
+def test_other_deltas_need_no_other_metrics(graph, evaluator):
+    evaluator("rpe_deltas:=['0.5s']")
+    graph.wait_for('accuracy', 'WARN', 'no pairs yet')
+    published = {name for name in graph.topics() if '/metrics/' in name}
+    assert published == {
+        f'/vio_evaluator/metrics/ate_{n}' for n in ('trans_rmse_m', 'rot_rmse_deg')
+    }
 
 
 def test_metrics_without_a_running_value_have_no_running_topic(graph, evaluator):
@@ -153,3 +163,62 @@ def test_parameters_that_do_not_change_the_score_can_be_set(
     graph.wait_for('streams', 'STALE')
     assert graph.call('write_report').message == str(tmp_path)
     assert (tmp_path / 'result.json').exists()
+
+
+def test_every_metric_can_have_a_topic(graph, flown, evaluator):
+    names = metric_names(EvaluationConfig(rpe_deltas=('0.5s', '1f'), segment_lengths_m=(5.0,)))
+    evaluator(
+        "rpe_deltas:=['0.5s', '1f']",
+        'segment_lengths_m:=[5.0]',
+        f'publish_metrics:=[{", ".join(names)}]',
+    )
+    shown = ('rpe_1f_pairs', 'rpe_0.5s_trans_rmse_m', 'coverage_ratio')
+    heard = {
+        name: graph.listen(
+            f'/vio_evaluator/metrics/{name.replace(".", "_")}', 'std_msgs/msg/Float64'
+        )
+        for name in shown
+    }
+    flown()
+    graph.wait_until(lambda: all(len(values) == 20 for values in heard.values()), 'the values')
+    told = graph.statuses['accuracy'].values | graph.statuses['association'].values
+    for name, values in heard.items():
+        assert values[-1].data == float(told[name])
+
+
+def test_what_was_written_during_the_first_run_is_not_taken_for_the_last(
+    graph, flown, evaluator, tmp_path
+):
+    evaluator(f'report_dir:={tmp_path}')
+    flown()
+    (tmp_path / 'mine.txt').write_text('is not theirs')
+    assert graph.call('write_report').success
+    assert graph.call('reset').success
+    assert {path.name for path in tmp_path.iterdir()} == {'run_0001', 'mine.txt'}
+
+
+def test_a_reset_before_the_end_changes_nothing_about_the_verdict(
+    graph, flown, evaluator, tmp_path
+):
+    gates, reports = tmp_path / 'gates.yaml', tmp_path / 'reports'
+    gates.write_text('ate_trans_rmse_m: {max: 1}')
+    node = evaluator(
+        f'gates_file:={gates}', 'exit_code_from_gates:=true', f'report_dir:={reports}'
+    )
+    flown()
+    graph.call('reset')
+    assert 'broken' not in node.stop()
+    assert [path.name for path in reports.iterdir()] == ['run_0001']
+
+
+def test_a_report_folder_can_be_mended(graph, ros, flown, evaluator, tmp_path):
+    taken, mended = tmp_path / 'taken', tmp_path / 'mended'
+    taken.write_text('a file')
+    node = evaluator(f'report_dir:={taken}')
+    flown()
+    graph.wait_for('accuracy', 'WARN', f'{taken}: cannot write')
+    parameter = ros.Parameter('report_dir', value=str(mended))
+    graph.parameters('set_parameters', [parameter])
+    graph.wait_for('accuracy', 'OK', 'running')
+    assert f'{mended}' not in node.stop()
+    assert (mended / 'result.json').exists()

@@ -317,7 +317,7 @@ BAD = {
         '/odom: there is no such topic; topics: /ground_truth/pose '
         '(geometry_msgs/msg/PoseStamped, 12000), /vio/odometry',
     ),
-    'start': ([DEMO, '--start', '100'], '--start 100: the recording is 60.0 s long'),
+    'start': ([DEMO, '--start', '100'], '--start 100: the recording is 59.995 s long'),
     'rate': ([DEMO, '--rate', '0'], "argument --rate: '0' is not a number above 0"),
     'no rate': ([DEMO, '--rate', 'nan'], "argument --rate: 'nan' is not a number above 0"),
     'remap': ([DEMO, '--remap', '/a=/b'], "--remap '/a=/b': write OLD:=NEW"),
@@ -325,6 +325,11 @@ BAD = {
         [DEMO, '--remap', '/vio/odometry:=/ground_truth/pose'],
         '/ground_truth/pose and /vio/odometry would both be /ground_truth/pose',
     ),
+    'remap to the clock': (
+        [DEMO, '--remap', '/vio/odometry:=/clock'],
+        '/clock is the time of the recording',
+    ),
+    'escape sequence': (['nowhere\n\x1b[31m.bag'], 'nowhere ?[31m.bag: there is no such file'),
     'remap of nothing': ([DEMO, '--remap', '/a:=/b'], '/a is not played; topics: '),
 }
 
@@ -344,6 +349,38 @@ def test_a_name_that_no_topic_may_have_is_said_in_one_line(play):
 def test_a_recording_that_nobody_listens_to_is_told(play):
     said = ended(play(DEMO, '--rate', '100', '--topics', '/vio/odometry', '--duration', '5'))
     assert said.splitlines()[-1] == 'play: nobody subscribes to /vio/odometry'
+
+
+@needs_ros
+def test_it_plays_on_when_nobody_reads_what_it_says(play, listening):
+    with listening(*types_of(DEMO, ('/vio/odometry',)), messages=100) as arrivals:
+        player = play(
+            DEMO, '--topics', '/vio/odometry', '--duration', '5', '--wait-for-subscribers'
+        )
+        player.stderr.close()  # before it says for whom it waits
+        arrivals.wait_for_messages()
+        assert player.wait(LIMIT_S) == 0
+    assert len(bytes_of(arrivals, '/vio/odometry')) == 100
+
+
+@needs_ros
+@pytest.mark.parametrize('verb', ['play', 'evaluator'])
+@pytest.mark.parametrize('domain', ['9999', 'mine'])
+def test_a_domain_that_there_is_not_is_one_line(start, environment, verb, domain):
+    environment['ROS_DOMAIN_ID'] = domain
+    said = ended(start('-m', 'vio_eval_ros', verb, *[DEMO][: verb == 'play']), status=2)
+    assert said == f"{verb}: ROS_DOMAIN_ID: '{domain}' is no number from 0 to 232\n"
+
+
+@needs_ros
+@pytest.mark.parametrize(
+    'msgtype', ['String', '/msg/X', 'std_msgs/msg/_string', 'std_msgs/msg/__name__', 'a b/msg/C']
+)
+def test_what_is_no_name_of_a_message_is_none(msgtype):
+    from vio_eval_ros.nodes.player import message_class
+
+    assert message_class(msgtype) is None
+    assert message_class('std_msgs/msg/String') is not None
 
 
 @needs_ros

@@ -68,12 +68,27 @@ def test_stamps_of_zero_are_no_jump():
     assert runs_of(stamps) == [stamps]
 
 
-def test_a_stamp_far_in_the_future_costs_a_run_and_no_more():
+@given(st.lists(st.integers(0, 2 * len(LOOP)), max_size=6), st.integers(1, MIN_JUMPED - 1))
+def test_stamps_far_in_the_future_are_handed_on_at_the_end(cuts, count):
+    wild = LOOP[-1] + 10**6 * S + np.arange(count) * S
+    beyond = LOOP + 20 * S
+    stamps = np.concatenate([LOOP, wild, beyond])
+    assert runs_of(*np.split(stamps, sorted(cuts))) == [[*LOOP, *beyond, *wild]]
+
+
+@given(st.lists(st.integers(0, 2 * len(LOOP)), max_size=6))
+def test_a_long_gap_is_no_reason_to_withhold_anything(cuts):
+    stamps = np.concatenate([LOOP, LOOP + 1000 * S])
+    assert runs_of(*np.split(stamps, sorted(cuts))) == [stamps.tolist()]
+    queue = RunQueue()
+    for batch in np.split(stamps, sorted(cuts)):
+        queue.add(poses(batch), NOW_S)
+    assert queue.take().stamps_ns.tolist() == stamps.tolist()
+
+
+def test_a_stamp_far_in_the_future_stays_in_its_run():
     wild = LOOP[-1] + 10**6 * S
-    assert runs_of(LOOP, [wild], LOOP + 20 * S) == [
-        [*LOOP.tolist(), wild],
-        (LOOP + 20 * S).tolist(),
-    ]
+    assert runs_of(LOOP, [wild], LOOP) == [[*LOOP, wild], LOOP.tolist()]
 
 
 def test_a_jump_tells_from_where_and_to_where():
@@ -164,18 +179,25 @@ def path(begin_s: float, end_s: float) -> Poses:
     return Poses(stamps_ns, np.zeros((len(stamps_ns), 3)), np.eye(4)[np.full(len(stamps_ns), 3)])
 
 
-def paths_of(*messages: Poses) -> tuple[PathQueue, RunQueue]:
-    """Return both queues, as a stream feeds them."""
-    paths, runs = PathQueue('/path'), RunQueue()
+def paths_of(*messages: Poses) -> PathQueue:
+    queue = PathQueue('/path')
     for message in messages:
-        for new in paths.add(message):
-            runs.add(new, NOW_S)
-    for new in paths.release():
-        runs.add(new, NOW_S)
-    return paths, runs
+        queue.add(message, NOW_S)
+    queue.release()
+    return queue
+
+
+def all_of(queue: PathQueue) -> list[list[int]]:
+    """Return the stamps of each run, as first published."""
+    runs = [queue.take().stamps_ns.tolist()]
+    while queue.jumps:
+        queue.next_run()
+        runs.append(queue.take().stamps_ns.tolist())
+    return runs
 
 
 GROWING = [path(100, 100 + end) for end in range(1, 21)]
+THINNED = [GROWING[-1][::3], path(100, 121)[::2], path(100, 122)[::2], path(100, 123)]
 
 
 @pytest.mark.parametrize(
@@ -184,21 +206,40 @@ GROWING = [path(100, 100 + end) for end in range(1, 21)]
         (GROWING, 1),
         ([*GROWING, path(100, 103), path(100, 120.5)], 1),  # one late message
         ([*GROWING, path(100, 118), path(100, 118.2), path(100, 121)], 1),  # pruned
+        (THINNED, 1),  # poses from long ago that were left out at first
         ([*GROWING, *GROWING], 2),  # a loop
         ([*GROWING, *GROWING, *GROWING], 3),
         ([m for k in range(20) for m in (GROWING[k], path(10, 11 + k))], 1),  # two clocks
     ],
 )
 def test_the_paths_and_the_poses_of_a_stream_are_of_the_same_runs(messages, runs):
-    paths, queue = paths_of(*messages)
-    assert len(paths.runs) == runs
-    assert len(queue.jumps) == runs - 1 or len(paths.runs) == 1  # two clocks are one run
-    assert len(paths.runs) <= 1 + MOST_WAITING
+    queue = paths_of(*messages)
+    assert len(queue.jumps) == runs - 1
+    for run in range(runs):
+        taken = queue.take()
+        assert set(taken.stamps_ns) == set(queue.revisions.final().stamps_ns)
+        assert len(taken)
+        if run < runs - 1:
+            queue.next_run()
 
 
 def test_a_late_path_revises_and_is_not_lost():
     late = path(100, 103)
     late = replace(late, positions=np.ones((len(late), 3)))
-    paths, _ = paths_of(*GROWING, late, path(119, 120.5))
-    final = paths.runs[0].final()
+    final = paths_of(*GROWING, late, path(119, 120.5)).revisions.final()
     assert (final.positions[: len(late), 0] == 1).all()
+
+
+def test_what_a_path_repeats_of_a_run_that_was_ended_is_not_in_the_next():
+    queue = paths_of(*GROWING[:10])
+    queue.take()
+    queue.next_run()
+    for message in GROWING[10:]:
+        queue.add(message, NOW_S)
+    assert queue.take().stamps_ns.tolist() == GROWING[-1].stamps_ns[200:].tolist()
+    assert queue.revisions.final().stamps_ns[0] == GROWING[-1].stamps_ns[200]
+    # until the recording begins again
+    for message in GROWING:
+        queue.add(message, NOW_S)
+    assert [run[-1:] for run in all_of(queue)] == [[], GROWING[-1].stamps_ns[-1:].tolist()]
+    assert queue.revisions.final().stamps_ns[0] == GROWING[0].stamps_ns[0]

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from itertools import count
 import json
+import signal
 
 import numpy as np
 import pytest
@@ -132,7 +133,8 @@ def test_a_topic_of_another_type_is_named_and_does_no_harm(graph, another, ros, 
     graph.wait_for(
         'streams',
         'WARN',
-        '/estimate is published as geometry_msgs/msg/PoseStamped, not nav_msgs/msg/Odometry',
+        '/estimate is published as geometry_msgs/msg/PoseStamped, not nav_msgs/msg/Odometry; '
+        'restart the evaluator',
     )
     another.withdraw(other)
 
@@ -187,6 +189,43 @@ def test_a_vehicle_that_stands_still_tells_nothing_yet(graph, ros, evaluator, fl
             replace(poses, positions=poses.positions[still], rotations=poses.rotations[still]),
         )
     graph.wait_for('accuracy', 'WARN', 'the alignment is not determined yet', pairs=381)
+
+
+def test_an_estimator_that_dies_is_told(graph, ros, evaluator, flight):
+    evaluator('stale_after_s:=3.0')
+    estimate, truth = graph.both()
+    ros.send(estimate, flight.estimate[:100])
+    ros.send(truth, flight.ground_truth)
+    graph.wait_for(
+        'association', 'WARN', 'the estimate ends 15.0 s before the ground truth: no values for'
+    )
+
+
+def test_a_queue_that_was_full_is_told_of_the_run_that_it_was_in(
+    graph, ros, evaluator, flight, tmp_path
+):
+    depth = 'qos_overrides./estimate.subscription.depth:=50'
+    node = evaluator(depth, f'report_dir:={tmp_path}')
+    estimate, truth = graph.both()
+    node.tell(signal.SIGSTOP)
+    ros.send(estimate, flight.estimate)
+    node.tell(signal.SIGCONT)
+    ros.send(truth, flight.ground_truth)
+    graph.wait_for('streams', 'WARN', '/estimate: 1 times the queue was full')
+    graph.call('reset')
+    for part in range(0, 400, 20):
+        ros.send(estimate, later(flight.estimate[part : part + 20], 20))
+        said = graph.statuses['streams'].values
+        received = int(said['estimate_received']) + 20
+        graph.wait_for('streams', 'any', estimate_received=received)
+    ros.send(truth, later(flight.ground_truth, 20))
+    graph.wait_for('association', 'OK', pairs=381)
+    node.stop()
+    told = [
+        json.loads((tmp_path / run / 'result.json').read_text())['warnings']
+        for run in ('run_0001', 'run_0002')
+    ]
+    assert [any('queue was full' in warning for warning in run) for run in told] == [True, False]
 
 
 def test_a_quality_of_service_that_nobody_offers_is_named(graph, ros, evaluator, flight):

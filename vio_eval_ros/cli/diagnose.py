@@ -14,6 +14,7 @@ import numpy as np
 
 from vio_eval_ros.cli.inputs import add_inputs, sources_of
 from vio_eval_ros.cli.shell import add_options, config_of, FAILED, Parser, PASSED, progress, run
+from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.trajectory import clean, Cleaning, Trajectory
 from vio_eval_ros.diagnosis.diagnosis import Cause, diagnose, Diagnosis, NAMES
 from vio_eval_ros.diagnosis.gyroscope import compare, Comparison
@@ -74,7 +75,6 @@ def _parser() -> Parser:
     output.add_argument(
         '--fail-on',
         metavar='NAME,...',
-        default='',
         help='exit with status 1 where one of these causes is found',
     )
     add_options(parser)
@@ -82,17 +82,14 @@ def _parser() -> Parser:
 
 
 def _run(arguments: argparse.Namespace) -> int:
-    failing = [name for name in arguments.fail_on.split(',') if name]
-    for name in failing:
-        if name not in NAMES:
-            raise ConfigError(f"--fail-on: there is no cause '{name}'; {', '.join(NAMES)}")
     if arguments.signals:
         return _signals(arguments)
+    failing = _failing(arguments.fail_on)
     config = config_of(arguments)
     estimate, truth = sources_of(arguments)
     poses = _cleaned(estimate)
     diagnosis = diagnose(poses, _cleaned(truth), config)
-    gyroscope = _gyroscope(arguments, poses) if arguments.imu else None
+    gyroscope = None if arguments.imu is None else _gyroscope(arguments, poses)
     if arguments.json:
         found = diagnosis.to_dict()
         if gyroscope is not None:
@@ -107,7 +104,17 @@ def _run(arguments: argparse.Namespace) -> int:
         if gyroscope is not None:
             lines += _gyroscope_text(gyroscope)
         print('\n'.join(map(printable, lines)))
-    return FAILED if {cause.name for cause in diagnosis.causes} & set(failing) else PASSED
+    return FAILED if {cause.name for cause in diagnosis.causes} & failing else PASSED
+
+
+def _failing(listed: str | None) -> set[str]:
+    """Return the causes listed by ``--fail-on``."""
+    names = set() if listed is None else {name.strip() for name in listed.split(',')}
+    for name in names:
+        if name not in NAMES:
+            near = nearest_name(name, NAMES) or f'; there are {", ".join(NAMES)}'
+            raise ConfigError(f"--fail-on: there is no cause '{name}'{near}")
+    return names
 
 
 def _cleaned(source: Source) -> Trajectory:
@@ -140,7 +147,26 @@ def _text(diagnosis: Diagnosis, estimate: Trajectory) -> list[str]:
     if diagnosis.cannot_tell:
         lines += ['', 'cannot tell, because the motion or the data do not show it: '
                   + ', '.join(diagnosis.cannot_tell)]  # fmt: skip
-    return lines
+    return [*lines, *_warnings(diagnosis)]
+
+
+def _warnings(diagnosis: Diagnosis) -> list[str]:
+    """Return what to know of these poses that is the fault of neither side alone."""
+    findings, warnings = diagnosis.findings, []
+    if findings.get('positions_contradict_offset'):
+        offset = findings['time_offset']
+        late = f'{1e3 * offset["value"]:.1f} ± {1e3 * offset["uncertainty"]:.1f} ms late'
+        warnings.append(
+            f'by its orientations the estimate is {late}, by its positions it is not: one side '
+            'takes them from different moments.'
+        )
+    if findings.get('truth_interpolated_s') is not None:
+        knots = f'poses {1e3 * findings["truth_interpolated_s"]:.4g} ms apart'
+        warnings.append(
+            f'the ground truth was interpolated from {knots}: it cuts corners between them, and '
+            'errors of faster motion may be its own. Use the poses it was made from.'
+        )
+    return [line for warning in warnings for line in ('', f'warning: {warning}')]
 
 
 def _moments(cause: Cause, diagnosis: Diagnosis, estimate: Trajectory) -> list[str]:
@@ -221,6 +247,11 @@ def _gyroscope_text(found: Comparison) -> list[str]:
 
 def _signals(arguments: argparse.Namespace) -> int:
     """Print the lag between two signals."""
+    others = ('recording', 'estimate', 'ground_truth', 'times', 'imu', 'apply', 'fail_on')
+    for name in others:
+        if getattr(arguments, name) not in (None, False):
+            flag = name.upper() if name == 'recording' else f'--{name.replace("_", "-")}'
+            raise ConfigError(f'--signals stands alone: leave out {flag}')
     columns = [_signal(path) for path in arguments.signals]
     start_ns = columns[1][0][0]
     seconds = [(stamps_ns - start_ns) / 1e9 for stamps_ns, _ in columns]
@@ -261,4 +292,6 @@ def _signal(path: Path) -> tuple[np.ndarray, np.ndarray]:
     stamps_ns, first = np.unique(rows.nanoseconds(path, unit), return_index=True)
     values = rows.values[first, 1]
     known = np.isfinite(values)
+    if not known.any():
+        raise ReadError(path, 'its second column has no finite value')
     return stamps_ns[known], values[known]

@@ -80,9 +80,11 @@ def run(verb: str, main: Callable[[], int]) -> int:
 
 def complain(verb: str, problem: str) -> None:
     """Print one line on stderr, if anybody listens."""
+    from vio_eval_ros.reports.text import printable  # which knows of figures, and so takes a while
+
     try:
         if sys.stderr is not None:
-            print(f'{verb}: {" ".join(problem.split())}', file=sys.stderr, flush=True)
+            print(f'{verb}: {printable(" ".join(problem.split()))}', file=sys.stderr, flush=True)
     except OSError:
         sys.stderr = None  # type: ignore[assignment]
 

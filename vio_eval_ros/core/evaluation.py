@@ -373,6 +373,7 @@ class _Held:
         self.newest_ns = BEFORE_ALL
         self.clocks: list[np.ndarray] = []
         self._poses: list[Poses] = []
+        self._released_ns = BEFORE_ALL
         self._zero_stamps = True
         self._add = add
 
@@ -380,8 +381,14 @@ class _Held:
         self, poses: Poses, clock_ns: np.ndarray, zero_stamps: bool, waits: bool = True
     ) -> None:
         """Add poses and the stamps by which they are ordered."""
+        if not zero_stamps and not poses.stamps_ns.all():
+            stamped = poses.stamps_ns != 0
+            self._add(poses[~stamped], False)  # to be counted, in whatever second
+            poses, clock_ns = poses[stamped], clock_ns[stamped]
         if not len(poses):
             return
+        # a late one is evaluated with the next second: the series does not go back
+        clock_ns = np.maximum(clock_ns, self._released_ns + 1)
         self.oldest_ns = min(self.oldest_ns, int(clock_ns.min()))
         self.newest_ns = max(self.newest_ns, int(clock_ns.max()))
         self.clocks.append(clock_ns)
@@ -403,6 +410,7 @@ class _Held:
 
     def release(self, until_ns: int) -> None:
         """Hand on the poses up to a stamp."""
+        self._released_ns = until_ns
         if not self._poses:
             return
         poses, clock = self._poses[0], self.clocks[0]

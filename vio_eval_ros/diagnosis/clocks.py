@@ -32,7 +32,7 @@ LARGEST_TURN = 2.6
 MIN_MOTIONS = 10
 CONVERGED_S = 1e-6
 # what interpolation and the rounding of stamps leave, even of a perfect run
-FLOOR_S, FLOOR_INTERVALS = 2e-4, 0.01
+FLOOR_S, FLOOR_INTERVALS = 2e-4, 0.02
 
 
 def speed_peak(estimate: Trajectory, truth: Trajectory, max_gap_s: float) -> Peak:

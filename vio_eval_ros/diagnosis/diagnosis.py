@@ -19,13 +19,16 @@ from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.advice import advice, evidence, flags
 from vio_eval_ros.diagnosis.conventions import Finding
 from vio_eval_ros.diagnosis.correction import Correction
-from vio_eval_ros.diagnosis.inputs import inputs_look_swapped, stands_still, truth_is_static
+from vio_eval_ros.diagnosis.inputs import (
+    inputs_look_swapped,
+    MOVES_M,
+    stands_still,
+    truth_is_static,
+)
 from vio_eval_ros.diagnosis.measurements import measure, Measured, Measurement
-from vio_eval_ros.diagnosis.run import improvement, Run
+from vio_eval_ros.diagnosis.run import IMPROVEMENT, improvement, Run
 
 SCHEMA = 'vio_eval_ros.diagnosis/1'
-#: an error that is to be called better must become smaller by this share
-IMPROVEMENT = 0.05
 NAMES = (
     *('truth_static', 'insufficient_motion', 'swapped_inputs'),
     *('quaternion_conjugated', 'quaternion_order', 'pose_inverted', 'axes_swapped'),
@@ -126,15 +129,20 @@ def diagnose(estimate: Trajectory, truth: Trajectory, config: EvaluationConfig) 
     :param config: options of the evaluation; its offset, frames and crop are applied first.
     :raises NoPairs: where there are too few poses to tell anything.
     """
-    run = Run(estimate, truth, config)
+    return diagnose_run(Run.received(estimate, truth, config))
+
+
+def diagnose_run(run: Run) -> Diagnosis:
+    """Return what is wrong with a run, to which its options have been applied."""
     if stands_still(run.truth):
-        name = 'insufficient_motion' if stands_still(run.estimate) else 'truth_static'
-        return _without_motion(run, name)
+        # an estimate of what stands still may drift a little
+        rests = stands_still(run.estimate, MOVES_M)
+        return _without_motion(run, 'insufficient_motion' if rests else 'truth_static')
     if truth_is_static(run):
         return _without_motion(run, 'truth_static')
     measured = measure(run)
     if measured.convention.of_truth:
-        return _with_truth_mended(run, measured.convention, estimate, truth)
+        return _with_truth_mended(run, measured.convention)
     named = _named(run, measured)
     findings = {
         one.name: {
@@ -179,12 +187,10 @@ class Named:
         return 1 - self.after / self.before if self.error else self.measurement.value
 
 
-def _with_truth_mended(
-    run: Run, found: Finding, estimate: Trajectory, truth: Trajectory
-) -> Diagnosis:
+def _with_truth_mended(run: Run, found: Finding) -> Diagnosis:
     """Return the diagnosis against the truth as it was meant, with its convention as a cause."""
-    meant = found.convention.undo(truth)
-    diagnosis = diagnose(estimate, meant, run.config)
+    meant = Run(run.estimate, found.convention.undo(run.truth), run.config)
+    diagnosis = diagnose_run(meant)
     nothing = Correction(run.middle_ns)
     cause = Cause(
         found.convention.name,
@@ -193,7 +199,7 @@ def _with_truth_mended(
         'ratio',
         math.nan,
         run.ate_m(nothing),
-        Run(estimate, meant, run.config).ate_m(nothing),
+        meant.ate_m(nothing),
         evidence(found.convention.name, 0.0, 0.0),
         advice(found.convention.name, found.convention.detail),
         flags(found.convention.name, Correction(0, found.convention), run.config),

@@ -31,9 +31,9 @@ class Estimated:
     uncertainty: float
 
     @classmethod
-    def unknown(cls) -> Estimated:
-        """Return the parameter that cannot be told."""
-        return cls(0.0, math.inf)
+    def unknown(cls, value: float = 0.0) -> Estimated:
+        """Return the parameter that cannot be told, at what is likeliest beforehand."""
+        return cls(value, math.inf)
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ def fit_scale(pairs: Pairs) -> Estimated:
     How uncertain it is, the run without each of its parts in turn tells (the jackknife).
     """
     if len(pairs) < 2 * BLOCKS:
-        return Estimated.unknown()
+        return Estimated.unknown(1.0)
     parts = [Moments.of(pairs[rows]) for rows in np.array_split(np.arange(len(pairs)), BLOCKS)]
     scales = []
     for left_out in [None, *range(BLOCKS)]:
@@ -111,7 +111,7 @@ def fit_scale(pairs: Pairs) -> Estimated:
         aligned = solve('sim3', moments, pairs[:1])
         scales.append(math.log(aligned.scale) if aligned.scale > 0 else math.nan)
     if not np.isfinite(scales).all():
-        return Estimated.unknown()
+        return Estimated.unknown(1.0)
     spread = math.sqrt((BLOCKS - 1) * float(np.var(scales[1:])))
     return Estimated(math.exp(-scales[0]), math.exp(-scales[0]) * T_95 * spread)
 
@@ -153,8 +153,23 @@ def fit_world(pairs: Pairs) -> World:
     return World(
         level,
         Estimated(tilt, T_95 * spread),
-        Estimated(-float(yaw.values[1]) / half_s, yaw.uncertainty(1) / half_s),
+        Estimated(
+            -float(yaw.values[1]) / half_s,
+            max(yaw.uncertainty(1) / half_s, _unsteadiness(seconds, errors[:, 2])),
+        ),
     )
+
+
+def _unsteadiness(seconds: np.ndarray, angles: np.ndarray) -> float:
+    """
+    Return half the width of the 95 % interval of a rate, from how much it differs along the run.
+
+    A heading that only walks at random has a slope as well, in the end, but no steady one.
+    """
+    parts = np.array_split(np.arange(len(seconds)), BLOCKS)
+    at, angle = (np.array([column[rows].mean() for rows in parts]) for column in (seconds, angles))
+    rates = np.diff(angle) / np.diff(at)
+    return T_95 * float(np.std(rates, ddof=1)) / math.sqrt(len(rates))
 
 
 def _world_of_positions(pairs: Pairs) -> World:

@@ -73,6 +73,8 @@ def compare(estimate: Trajectory, stamps_ns: np.ndarray, rates: np.ndarray) -> C
         if math.isnan(start_s):
             peak = speed_peak(estimate, sensed, gap_s)
             start_s = peak.lag_s
+            if math.isnan(peak.height):
+                raise NoPairs('the gyroscope and the estimate do not both turn for long enough')
         lag = fit_lag(estimate, Interpolator(sensed, gap_s), start_s, True)
         if not math.isfinite(lag.misfit):
             raise NoPairs('the gyroscope and the estimate share no instant')

@@ -6,16 +6,15 @@ from dataclasses import dataclass, replace
 import math
 from typing import Any
 
-import numpy as np
-
 from vio_eval_ros.core import rotation
-from vio_eval_ros.diagnosis.breaks import Breaks, find_breaks, find_gaps, Jump
+from vio_eval_ros.diagnosis.breaks import find_breaks, find_gaps, Jump
 from vio_eval_ros.diagnosis.clocks import fit_lag, Lag, speed_peak
 from vio_eval_ros.diagnosis.conventions import find_convention, Finding
-from vio_eval_ros.diagnosis.correction import Correction
+from vio_eval_ros.diagnosis.correction import Correction, IDENTITY
 from vio_eval_ros.diagnosis.correlation import Peak
 from vio_eval_ros.diagnosis.fitting import T_95
-from vio_eval_ros.diagnosis.geometry import fit_body, fit_scale, fit_world
+from vio_eval_ros.diagnosis.geometry import Body, fit_body, fit_scale, fit_world, World
+from vio_eval_ros.diagnosis.inputs import interpolated_over_s
 from vio_eval_ros.diagnosis.run import Run
 
 # What healthy runs show, with room: beyond these a parameter is suspicious. A stamp within 5 ms
@@ -35,8 +34,8 @@ LOST_RATIO = 0.03
 
 #: a parameter is told if a fault so many times beyond the healthy could not have hidden
 HIDDEN = 2.0
-#: the confidence from which on a parameter is a suspect
-SURE = 0.8
+#: the confidence from which on a parameter is a suspect; of one that is hardly told, beyond doubt
+SURE, BEYOND_DOUBT = 0.8, 0.975
 #: a correlation peak that may be believed
 PEAK = 0.6
 #: relative motions that agree no better than this tell nothing
@@ -87,8 +86,8 @@ class Measurement:
 
     @property
     def unusual(self) -> bool:
-        """Whether it is beyond what healthy runs show, and beyond doubt."""
-        return self.confidence >= SURE
+        """Whether it is beyond what healthy runs show, as far as can be told."""
+        return self.confidence >= (SURE if self.told else BEYOND_DOUBT)
 
     @property
     def confidence(self) -> float:
@@ -119,114 +118,126 @@ class Measured:
 def measure(run: Run) -> Measured:
     """Return all parameters of a run, each measured with what was found before undone."""
     peak, convention, lag = _lag(run)
-    correction = Correction(run.middle_ns, convention.convention)
-    parameters = [*_clock(run, lag)]
-    offset, drift = parameters
-    if offset.unusual:
-        correction = replace(correction, offset_s=lag.offset_s)
-    if drift.unusual:
-        correction = replace(correction, clock_drift=lag.drift)
-    if convention.convention.name:
-        parameters.append(_convention(convention))
+    found = _Found(run, convention)
+    found.findings['angular_speed_correlation'] = {
+        'offset_s': peak.lag_s,
+        'peak': peak.height,
+        'next_peak': peak.rival,
+    }
+    found.clock(lag)
+    found.breaks()
+    found.gaps()
+    drift = found.body(lag)
+    found.world()
+    found.scale(drift)
+    return Measured(found.correction, tuple(found.parameters), found.findings, convention)
 
-    breaks = _breaks(run, correction)
-    correction = replace(
-        correction,
-        outliers_ns=breaks.outliers_ns,
-        diverged_ns=breaks.diverged_ns,
-    )
-    correction = replace(correction, jumps=_harmful(run, correction, breaks.jumps))
-    punctual = correction.only(['time_offset', 'clock_drift']).apply(run.estimate)
-    gaps = find_gaps(punctual, run.truth, run.config.max_gap_s)
-    parameters += _of_breaks(run, breaks, correction.jumps)
-    duration_s = float(run.truth.stamps_ns[-1] - run.truth.stamps_ns[0]) / 1e9
-    lost = sum(gap.seconds for gap in gaps) / duration_s
-    parameters.append(Measurement.of('lost_tracking', lost, 'ratio', math.nan, LOST_RATIO))
 
-    turn = _turn(run, lag)
-    parameters.append(turn)
-    sensor = rotation.from_matrix(lag.turn.T)
-    if turn.unusual:
-        correction = replace(correction, turn=sensor)
-    sensor = sensor if turn.told or turn.unusual else rotation.from_matrix(np.eye(3))
-    body = fit_body(run.pairs(correction.without('sensor_rotation')), sensor)
-    lever = Measurement.of(
-        'lever_arm', body.lever_length.value, 'm', body.lever_length.uncertainty, LEVER_M
-    )
-    parameters.append(lever)
-    if lever.unusual:
-        correction = replace(correction, lever=body.lever)
+class _Found:
+    """What has been measured so far, and the correction of what of it is unusual."""
 
-    drift = Measurement.of(
-        'scale_drift',
-        100 * 60 * body.scale_drift.value,
-        '%/min',
-        100 * 60 * body.scale_drift.uncertainty,
-        100 * 60 * SCALE_DRIFT / run.half_s,
-    )
-    world = fit_world(run.pairs(correction))
-    yaw = Measurement.of(
-        'yaw_drift',
-        60 * math.degrees(world.yaw_drift.value),
-        'deg/min',
-        60 * math.degrees(world.yaw_drift.uncertainty),
-        max(YAW_DEG_PER_MIN, YAW_DEG * 30 / run.half_s),
-    )
-    tilt = Measurement.of(
-        'gravity_tilt',
-        math.degrees(world.tilt_rad.value),
-        'deg',
-        math.degrees(world.tilt_rad.uncertainty),
-        TILT_DEG,
-    )
-    upright = tilt.value < UPRIGHT_DEG
-    if not upright:  # and was never meant to be: neither can be told of such a world
-        tilt, yaw = (replace(one, size=0.0, size_uncertainty=math.inf) for one in (tilt, yaw))
-    if tilt.unusual:
-        correction = replace(correction, level=world.level)
-    if yaw.unusual:
-        correction = replace(correction, yaw_drift=world.yaw_drift.value)
-    if drift.unusual:
-        correction = replace(correction, scale_drift=body.scale_drift.value)
-    scale = _scale(run, correction)
-    if scale.unusual:
-        correction = replace(correction, scale=scale.value)
-    parameters += [scale, drift, tilt, yaw]
-    findings = {
-        'angular_speed_correlation': {
-            'offset_s': peak.lag_s,
-            'peak': peak.height,
-            'next_peak': peak.rival,
-        },
-        'position_only': not run.turning,
-        'stamps_far_from_all_others': run.stray,
-        'world_upright': upright,
-        'level_xyzw': world.level.tolist(),
-        'sensor_rotation_xyzw': sensor.tolist(),
-        'lever_arm_m': body.lever.tolist(),
-        'jumps': [
-            {
-                'stamp_ns': jump.stamp_ns,
-                'size_m': jump.size_m / scale.value,
-                'harmful': jump in correction.jumps,
-            }
-            for jump in breaks.jumps
-        ],
-        'gaps': [
+    def __init__(self, run: Run, convention: Finding) -> None:
+        self._run = run
+        self.correction = Correction(run.middle_ns, convention.convention)
+        self.parameters: list[Measurement] = []
+        self.findings: dict[str, Any] = {
+            'position_only': not run.turning,
+            'stamps_far_from_all_others': run.stray,
+            'truth_interpolated_s': interpolated_over_s(run.truth),
+        }
+        if convention.convention.name:
+            self._note(_convention(convention))
+
+    def _note(self, parameter: Measurement, **undone: Any) -> None:
+        """Remember a parameter; where it is unusual, the correction gets what undoes it."""
+        self.parameters.append(parameter)
+        if parameter.unusual:
+            self.correction = replace(self.correction, **undone)
+
+    def clock(self, lag: Lag) -> None:
+        """Offset and drift of the stamps."""
+        offset, drift = _clock(self._run, lag)
+        disagree = offset.unusual and _contradicted(self._run, self.correction, lag)
+        if disagree:  # positions and orientations are of different moments: which are right?
+            offset, drift = (_untold(one) for one in (offset, drift))
+        self.findings['positions_contradict_offset'] = disagree
+        self._note(offset, offset_s=lag.offset_s)
+        self._note(drift, clock_drift=lag.drift)
+
+    def breaks(self) -> None:
+        """Outliers, divergence, and the jumps that made the run worse."""
+        run = self._run
+        corrected = self.correction.apply(run.estimate)
+        inside = run.true_poses.inside(corrected.stamps_ns)
+        found = find_breaks(run.pairs(self.correction), run.estimate.stamps_ns[inside])
+        outliers = len(found.outliers_ns) / len(run.estimate)
+        self._note(_certain('outliers', outliers, 'ratio'), outliers_ns=found.outliers_ns)
+        if found.diverged_ns is not None:
+            left_s = float(run.estimate.stamps_ns[-1] - found.diverged_ns) / 1e9
+            left = _certain('diverged', left_s / (2 * run.half_s), 'ratio')
+            self._note(left, diverged_ns=found.diverged_ns)
+        harmful = _harmful(run, self.correction, found.jumps)
+        largest = max((jump.size_m for jump in harmful), default=0.0)
+        self._note(_certain('jump', largest, 'm'), jumps=harmful)
+        self.findings['jumps'] = [
+            {'stamp_ns': jump.stamp_ns, 'size_m': jump.size_m, 'harmful': jump in harmful}
+            for jump in found.jumps
+        ]
+        self.findings['outlier_poses'] = {
+            'stamps_ns': found.outliers_ns.tolist(),
+            'median_m': found.outlier_m,
+        }
+
+    def gaps(self) -> None:
+        """Intervals without estimate."""
+        run = self._run
+        punctual = self.correction.only(['time_offset', 'clock_drift']).apply(run.estimate)
+        gaps = find_gaps(punctual, run.truth, run.config.max_gap_s)
+        duration_s = float(run.truth.stamps_ns[-1] - run.truth.stamps_ns[0]) / 1e9
+        lost = sum(gap.seconds for gap in gaps) / duration_s
+        self._note(_certain('lost_tracking', lost, 'ratio', LOST_RATIO))
+        self.findings['gaps'] = [
             {'begin_ns': gap.begin_ns, 'end_ns': gap.end_ns, 'seconds': gap.seconds}
             for gap in gaps
-        ],
-        'outlier_poses': {
-            'stamps_ns': breaks.outliers_ns.tolist(),
-            'median_m': breaks.outlier_m,
-        },
-    }
-    return Measured(
-        correction,
-        tuple(parameters),
-        findings,
-        convention,
-    )
+        ]
+
+    def body(self, lag: Lag) -> Measurement:
+        """Turn and lever arm of the sensor; return the drift of the scale, fitted with them."""
+        turn, sensor = _turn(self._run, lag), rotation.from_matrix(lag.turn.T)
+        pairs = self._run.pairs(self.correction)
+        self._note(turn, turn=sensor)
+        if not (turn.told or turn.unusual):
+            sensor = IDENTITY
+        body = fit_body(pairs, sensor)
+        length = body.lever_length
+        lever = Measurement.of('lever_arm', length.value, 'm', length.uncertainty, LEVER_M)
+        drift = _scale_drift(self._run, body)
+        if self.findings['positions_contradict_offset']:  # each fits other orientations
+            lever, drift = _untold(lever), _untold(drift)
+        self._note(lever, lever=body.lever)
+        self.findings['sensor_rotation_xyzw'] = sensor.tolist()
+        self.findings['lever_arm_m'] = body.lever.tolist()
+        return drift
+
+    def world(self) -> None:
+        """Tilt of the estimate's world, and how its heading runs away."""
+        world = fit_world(self._run.pairs(self.correction))
+        tilt, yaw = _world(self._run, world)
+        upright = math.degrees(world.tilt_rad.value) < UPRIGHT_DEG
+        if not upright:  # and was never meant to be: neither can be told of such a world
+            tilt, yaw = _untold(tilt), _untold(yaw)
+        self._note(tilt, level=world.level)
+        self._note(yaw, yaw_drift=world.yaw_drift.value)
+        self.findings['world_upright'] = upright
+        self.findings['level_xyzw'] = world.level.tolist()
+
+    def scale(self, drift: Measurement) -> None:
+        """Drift of the scale, and the scale of what is left; jumps in metres of the truth."""
+        self._note(drift, scale_drift=drift.value / 6000)
+        scale = _scale(self._run, self.correction)
+        self._note(scale, scale=scale.value)
+        for jump in self.findings['jumps']:
+            jump['size_m'] /= scale.value
 
 
 def _lag(run: Run) -> tuple[Peak, Finding, Lag]:
@@ -265,23 +276,71 @@ def _clock(run: Run, lag: Lag) -> list[Measurement]:
     ]
 
 
+def _certain(name: str, value: float, unit: str, healthy: float = 0.0) -> Measurement:
+    """Return a parameter that is counted, not estimated."""
+    return Measurement.of(name, value, unit, math.nan, healthy)
+
+
+def _contradicted(run: Run, correction: Correction, lag: Lag) -> bool:
+    """Return whether undoing the orientations' offset harms the positions, which have none."""
+    if not run.turning or not run.is_worse(replace(correction, offset_s=lag.offset_s), correction):
+        return False
+    of_positions = fit_lag(correction.apply(run.estimate), run.true_poses, lag.offset_s, False)
+    alike_s = math.copysign(1.0, lag.offset_s) * of_positions.offset_s
+    return alike_s + of_positions.offset_uncertainty_s < abs(lag.offset_s) / 2
+
+
+def _untold(parameter: Measurement) -> Measurement:
+    """Return a parameter that was measured, but from which nothing follows."""
+    return replace(parameter, size=0.0, size_uncertainty=math.inf)
+
+
 def _convention(found: Finding) -> Measurement:
     """Return how much worse the poses fit as they were read: 0 as well, 1 not at all."""
     worse = 1 - found.misfit / found.misfit_as_is
-    return Measurement.of(found.convention.name, worse, 'ratio', math.nan, 0.0)
+    return _certain(found.convention.name, worse, 'ratio')
 
 
 def _turn(run: Run, lag: Lag) -> Measurement:
     told = run.turning and lag.misfit < MISFIT
-    angle = rotation.angle_between(
-        rotation.from_matrix(lag.turn.T), np.array([0.0, 0.0, 0.0, 1.0])
-    )
+    angle = rotation.angle_between(rotation.from_matrix(lag.turn.T), IDENTITY)
     return Measurement.of(
         'sensor_rotation',
         math.degrees(float(angle)) if told else 0.0,
         'deg',
         math.degrees(lag.turn_uncertainty) if told else math.inf,
         TURN_DEG,
+    )
+
+
+def _scale_drift(run: Run, body: Body) -> Measurement:
+    """Return the drift of the scale in its unit."""
+    return Measurement.of(
+        'scale_drift',
+        100 * 60 * body.scale_drift.value,
+        '%/min',
+        100 * 60 * body.scale_drift.uncertainty,
+        100 * 60 * SCALE_DRIFT / run.half_s,
+    )
+
+
+def _world(run: Run, world: World) -> tuple[Measurement, Measurement]:
+    """Return tilt and yaw drift in their units."""
+    return (
+        Measurement.of(
+            'gravity_tilt',
+            math.degrees(world.tilt_rad.value),
+            'deg',
+            math.degrees(world.tilt_rad.uncertainty),
+            TILT_DEG,
+        ),
+        Measurement.of(
+            'yaw_drift',
+            60 * math.degrees(world.yaw_drift.value),
+            'deg/min',
+            60 * math.degrees(world.yaw_drift.uncertainty),
+            max(YAW_DEG_PER_MIN, YAW_DEG * 30 / run.half_s),
+        ),
     )
 
 
@@ -298,12 +357,6 @@ def _scale(run: Run, correction: Correction) -> Measurement:
     )
 
 
-def _breaks(run: Run, correction: Correction) -> Breaks:
-    corrected = correction.apply(run.estimate)
-    inside = run.true_poses.inside(corrected.stamps_ns)
-    return find_breaks(run.pairs(correction), run.estimate.stamps_ns[inside])
-
-
 def _harmful(run: Run, correction: Correction, jumps: tuple[Jump, ...]) -> tuple[Jump, ...]:
     """
     Return the jumps that made the run worse.
@@ -318,18 +371,3 @@ def _harmful(run: Run, correction: Correction, jumps: tuple[Jump, ...]) -> tuple
         if without < (1 - LESS_ATE) * ate:
             harmful, ate = tried, without
     return harmful
-
-
-def _of_breaks(run: Run, breaks: Breaks, harmful: tuple[Jump, ...]) -> list[Measurement]:
-    largest = max((jump.size_m for jump in harmful), default=0.0)
-    parameters = [
-        Measurement.of('jump', largest, 'm', math.nan, 0.0),
-        Measurement.of(
-            'outliers', len(breaks.outliers_ns) / len(run.estimate), 'ratio', math.nan, 0.0
-        ),
-    ]
-    if breaks.diverged_ns is not None:
-        left_s = float(run.estimate.stamps_ns[-1] - breaks.diverged_ns) / 1e9
-        ratio = left_s / (2 * run.half_s)
-        parameters.append(Measurement.of('diverged', ratio, 'ratio', math.nan, 0.0))
-    return parameters

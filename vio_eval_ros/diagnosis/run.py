@@ -28,33 +28,26 @@ from vio_eval_ros.errors import NoPairs
 
 FEWEST_POSES = 20
 LEAST_ERROR = 1e-6
+#: an error that is to be called better must become smaller by this share
+IMPROVEMENT = 0.05
 FAR = 10  # durations of nearly all of a run
 
 
 class Run:
     """
-    An estimate and its truth as the options have them: shifted, moved to the body, cropped.
+    An estimate and its truth on one clock and of one body, as far as that is known.
 
+    :param config: the options that have been applied.
     :raises NoPairs: where one side has too few poses to tell anything.
     """
 
     def __init__(self, estimate: Trajectory, truth: Trajectory, config: EvaluationConfig) -> None:
         self.config = config
-        streams = Associator(config)
-        streams.add_ground_truth(truth)
-        streams.add_estimate(estimate)
-        received = {
-            'estimate': streams.estimate.waiting,
-            'ground_truth': streams.ground_truth.waiting,
-        }
+        received = {'estimate': estimate, 'ground_truth': truth}
         sides = {name: _honest(_together(poses)) for name, poses in received.items()}
         self.estimate, self.truth = sides.values()
         #: how many poses of each side have stamps far from all others, and are left out
         self.stray = {name: len(received[name]) - len(poses) for name, poses in sides.items()}
-        if len(self.truth) and (config.start_s or math.isfinite(config.end_s)):
-            elapsed_s = (self.truth.stamps_ns - self.truth.stamps_ns[0]) / 1e9
-            kept = (elapsed_s >= config.start_s) & (elapsed_s <= config.end_s)
-            self.truth = self.truth[kept]
         for name, side in (('estimate', self.estimate), ('ground truth', self.truth)):
             if len(side) < FEWEST_POSES:
                 raise NoPairs(
@@ -65,6 +58,18 @@ class Run:
         stamps_ns = self.estimate.stamps_ns
         self.middle_ns = int(stamps_ns[0] + stamps_ns[-1]) // 2
         self.half_s = float(stamps_ns[-1] - stamps_ns[0]) / 2e9
+
+    @classmethod
+    def received(cls, estimate: Trajectory, truth: Trajectory, config: EvaluationConfig) -> Run:
+        """Return the run of two streams as they came: shifted, moved to the body and cropped."""
+        streams = Associator(config)
+        streams.add_ground_truth(truth)
+        streams.add_estimate(estimate)
+        estimate, truth = streams.estimate.waiting, streams.ground_truth.waiting
+        if len(truth) and (config.start_s or math.isfinite(config.end_s)):
+            elapsed_s = (truth.stamps_ns - _together(truth).stamps_ns[0]) / 1e9
+            truth = truth[(elapsed_s >= config.start_s) & (elapsed_s <= config.end_s)]
+        return cls(estimate, truth, config)
 
     @cached_property
     def gap_s(self) -> float:
@@ -104,6 +109,11 @@ class Run:
             errors[f'rotation RPE {delta} [deg]'] = turn
         return {name: root_mean_square(each) for name, each in errors.items()}
 
+    def is_worse(self, correction: Correction, than: Correction) -> bool:
+        """Return whether one correction leaves a clearly larger ATE than another."""
+        ates = [self.errors(one).get('ATE [m]', math.nan) for one in (correction, than)]
+        return bool(ates[0] > (1 + IMPROVEMENT) * ates[1])
+
     def ate_m(self, correction: Correction) -> float:
         """Return the ATE of the corrected estimate as ``replay`` gives it; NaN without pairs."""
         # offset, frames and crop have been applied
@@ -134,7 +144,8 @@ def _together(poses: Trajectory) -> Trajectory:
 
 def _honest(poses: Trajectory) -> Trajectory:
     """Return the poses without rotations where these are a constant that stands for none."""
-    constant = poses.rotations is not None and not np.ptp(poses.rotations, axis=0).any()
+    q = poses.rotations
+    constant = q is not None and not (q != q[:1]).any()
     return replace(poses, rotations=None) if constant else poses
 
 

@@ -60,6 +60,8 @@ def lag_of_signals(
     peak = correlate(
         np.interp(grids[0], first_s, first), np.interp(grids[1], second_s, second), step_s
     )
+    if math.isnan(peak.height):
+        raise NoPairs('the signals have too little in common to be compared at any lag')
     start_s = float(first_s[0] - second_s[0])
     offset_s, uncertainty_s = peak.lag_s + start_s, math.inf
     for _ in range(ITERATIONS):

@@ -1,1 +1,11 @@
-"""The verbs that need rclpy: what they do is elsewhere, here it meets the ROS graph."""
+"""The live side: nodes in ROS 2."""
+
+from vio_eval_ros.errors import VioEvalError
+
+
+def without_ros(error: ImportError) -> VioEvalError:
+    """Return what to say where ROS 2 cannot be imported."""
+    return VioEvalError(
+        f'ROS 2 is missing ({error}); source an installation of it, or pip install '
+        "'vio_eval_ros[ros]'"
+    )

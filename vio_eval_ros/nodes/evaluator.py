@@ -8,7 +8,7 @@ import sys
 
 from vio_eval_ros.cli.shell import Parser, run
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.errors import ReadError
+from vio_eval_ros.nodes import without_ros
 from vio_eval_ros.nodes.options import NodeConfig
 
 HELP = """
@@ -21,13 +21,13 @@ topics out:  /diagnostics, ~/metrics/NAME, ~/window/NAME, ~/result, ~/estimate_a
              ~/ground_truth_path, ~/error_markers
 services:    ~/write_report, ~/reset (std_srvs/Trigger)
 
-parameters (config/evaluator.yaml has them all):
+parameters (config/evaluator.yaml has those of the evaluation):
 {parameters}
 
-exit status: 0 ended by SIGINT or SIGTERM, 1 a gate failed and exit_code_from_gates is true, 2 a
-parameter was wrong or the report could not be written
+exit status: 0 ended by SIGINT, SIGTERM or SIGHUP, 1 a gate of some run failed and
+exit_code_from_gates is true, 2 a parameter was wrong or a report could not be written
 """
-TO_STOP = (signal.SIGINT, signal.SIGTERM)
+TO_STOP = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -61,9 +61,5 @@ def _evaluate(argv: list[str], told: list[int]) -> int:
     try:
         from vio_eval_ros.nodes.evaluator_node import spin
     except ImportError as error:
-        raise ReadError(
-            'ROS 2',
-            f'{error}; source an installation of it, or pip install ros-jazzy-rclpy '
-            'ros-jazzy-rmw-fastrtps-cpp ros-jazzy-common-interfaces',
-        ) from None
+        raise without_ros(error) from None
     return spin(argv, told)

@@ -22,12 +22,10 @@ from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import ParameterException
 from rclpy.executors import SingleThreadedExecutor
-from rclpy.logging import LoggingSeverity, set_logger_level
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
@@ -37,15 +35,17 @@ from vio_eval_ros.core.evaluation import Evaluation, metric_names
 from vio_eval_ros.core.gates import check_names
 from vio_eval_ros.errors import ConfigError, VioEvalError, WriteError
 from vio_eval_ros.nodes.display import Display
-from vio_eval_ros.nodes.live import LiveRun, make_writable
+from vio_eval_ros.nodes.joining import join
+from vio_eval_ros.nodes.live import LiveRun, make_writable, remove_report
+from vio_eval_ros.nodes.options import NodeConfig
 from vio_eval_ros.nodes.parameters import changed, declare, refuse_unknown
 from vio_eval_ros.nodes.runs import LAG_S, why_the_run_ends
-from vio_eval_ros.nodes.status import status_messages, why_no_pairs
+from vio_eval_ros.nodes.status import found_wrong, status_messages, why_no_pairs
 from vio_eval_ros.nodes.stream import Stream
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.result import Result
-from vio_eval_ros.reports.text import headline, number
+from vio_eval_ros.reports.text import headline, number, WORDS
 from vio_eval_ros.settings import gates_of
 
 DRAIN_S = 0.05
@@ -108,14 +108,21 @@ class Evaluator(Node):
         known, kept_up = metric_names(self.config), Evaluation(self.config).running()
         check_names(self.gates, known)
         names = self.settings.publish_metrics
+        if names == NodeConfig().publish_metrics:
+            names = tuple(name for name in names if name in known)  # other deltas, other names
         for name in names:
             if name not in known:
                 near = nearest_name(name, known)
                 raise ConfigError(f"publish_metrics: there is no metric '{name}'{near}")
-        self._windows = {n: self.create_publisher(Float64, f'~/window/{n}', 10) for n in names}
-        self._metrics = {
-            n: self.create_publisher(Float64, f'~/metrics/{n}', 10) for n in names if n in kept_up
-        }
+
+        def topics(kind: str) -> dict[str, Publisher]:
+            # a delta such as 0.5s has a dot, which the name of a topic must not have
+            paths = {name: f'~/{kind}/{name.replace(".", "_")}' for name in names}
+            return {n: self.create_publisher(Float64, path, 10) for n, path in paths.items()}
+
+        self._windows = topics('window')
+        names = tuple(name for name in names if name in kept_up)
+        self._metrics = topics('metrics')
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._result = self.create_publisher(String, '~/result', latched)
@@ -150,7 +157,9 @@ class Evaluator(Node):
         try:
             self._evaluate()
         except VioEvalError as error:
-            self.problem = str(error)
+            if str(error) != self.problem:
+                self.problem = str(error)
+                self.get_logger().error(self.problem)
         array = DiagnosticArray(status=status_messages(self))
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
@@ -158,6 +167,7 @@ class Evaluator(Node):
     def _evaluate(self) -> None:
         self._take_in()
         self._advance()
+        self.run.diagnosing.look(self.run.evaluation.since(0))
         if self.values:
             self.window = self.run.evaluation.window(self.settings.window_s)
             _publish(self._windows, self.window)
@@ -192,7 +202,7 @@ class Evaluator(Node):
                 continue
             self._is_empty = False
             if stream is self.estimate:
-                self.run.add_estimate(poses, stream.path)
+                self.run.add_estimate(poses, stream.revisions)
             else:
                 self.run.add_ground_truth(poses)
 
@@ -210,13 +220,14 @@ class Evaluator(Node):
         self.values: Mapping[str, float] = {}
         self.window: Mapping[str, float] = {}
         self._is_empty = True
+        self._interim: Path | None = None  # where a report of this run was asked for
         self.clock_jumped_s = math.inf
 
     def _next_run(self, why: str) -> None:
         """Close the run with its report, and begin the next."""
         self.get_logger().warning(f'{why}: run {self.run_number} ends, the next begins')
         try:
-            self._finish(Path(f'run_{self.run_number:04d}'))
+            self._close(Path(f'run_{self.run_number:04d}'))
         finally:  # whatever became of it, it has ended
             for stream in self.streams:
                 stream.next_run()
@@ -232,38 +243,50 @@ class Evaluator(Node):
         for stream in self.streams:
             stream.release()
         self._hand_over()
-        self._finish(self.folder)
+        if not (self._is_empty and self.run_number > 1):  # else the one before was the last
+            self._close(self.folder)
 
-    def _finish(self, folder: Path) -> None:
-        """Write, publish and log the result of the run."""
+    def _close(self, folder: Path) -> None:
+        """Write, publish and log the result of a run that has ended; remember its verdict."""
+        self.failed_gates |= self._finish(folder).passed is False
+
+    def _finish(self, folder: Path) -> Result:
+        """Write, publish and log the result of the run; return it."""
         self._advance()
         self.run.notes = [note for stream in self.streams for note in stream.notes()]
         result, where = self._written(folder) or (self.run.result(), '')
-        self.failed_gates = result.passed is False
         self._result.publish(String(data=REPORTS['json'](result)))
         pairs = result.summary.association['pairs']
         found = headline(result) if pairs else why_no_pairs(self)
         self.get_logger().info(f'run {self.run_number}: {found}{where}')
-        for note in self.run.notes:
+        for note in [*self.run.notes, *found_wrong(self.run.diagnosing, result.summary.pairs)]:
             self.get_logger().warning(note)
         for verdict in result.verdicts:
             if not verdict.passed:
-                said = f'gate {verdict.gate} is broken: {number(verdict.value)}'
+                said = f'{WORDS[verdict.word]} {verdict.gate} (is {number(verdict.value)})'
                 self.get_logger().warning(said)
+        return result
 
     def _written(self, folder: Path) -> tuple[Result, str] | None:
         """Return the result that was written, and where; a folder that refuses is logged."""
-        if not self.settings.report_dir:
-            return None
+        if not self.settings.report_dir or self._is_empty:
+            return None  # what an earlier evaluator left there is not replaced by nothing
         top = Path(self.settings.report_dir)
         try:
             result = self.run.write(top / folder)
         except (VioEvalError, OSError) as error:
             self._cannot_write(top / folder, error)
             return None
+        self._forget(top, folder)
+        if folder.name and self._interim == top:  # else it would look like that of the last run
+            remove_report(top)
+        self._interim = top / folder
+        return result, f'; the report is in {top / folder}'
+
+    def _forget(self, top: Path, folder: Path) -> None:
+        """Complain no more of what could not be written there."""
         for path in (top, top / folder):
             self.unwritten.pop(path, None)
-        return result, f'; the report is in {top / folder}'
 
     def _check_report_dir(self) -> None:
         """Say early that a report could not be written; there is time to make room."""
@@ -292,23 +315,32 @@ class Evaluator(Node):
 
     def _reset(self) -> str:
         self._take_in()
+        for stream in self.streams:
+            stream.release()
+        self._hand_over()
         if not self._is_empty:
             self._next_run('reset was called')
         return f'run {self.run_number} begins'
 
     def _write_report(self) -> str:
         self._take_in()
+        if self._is_empty:
+            raise VioEvalError(f'nothing to report: {why_no_pairs(self)}')
         self._finish(self.folder)
-        problem = self.unwritten.get(Path(self.settings.report_dir) / self.folder)
-        if problem:
-            raise VioEvalError(problem)
-        return self.settings.report_dir or 'published, not written'
+        if not self.settings.report_dir:
+            return 'published, not written'
+        folder = Path(self.settings.report_dir) / self.folder
+        if folder in self.unwritten:
+            raise VioEvalError(self.unwritten[folder])
+        return str(folder)
 
     def _set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
             settings = changed(self.settings, parameters)
-            if settings.report_dir and settings.report_dir != self.settings.report_dir:
-                make_writable(Path(settings.report_dir))
+            if settings.report_dir != self.settings.report_dir:
+                if settings.report_dir:
+                    make_writable(Path(settings.report_dir))
+                self._forget(Path(self.settings.report_dir), self.folder)
             self.settings = settings
         except (ConfigError, WriteError) as error:
             return SetParametersResult(successful=False, reason=str(error))
@@ -326,7 +358,7 @@ def _naming(parameter: str) -> Iterator[None]:
 
 def _publish(publishers: Mapping[str, Publisher], values: Mapping[str, float]) -> None:
     for name, publisher in publishers.items():
-        publisher.publish(Float64(data=values[name]))
+        publisher.publish(Float64(data=float(values[name])))
 
 
 def spin(argv: list[str], told: list[int]) -> int:
@@ -337,7 +369,7 @@ def spin(argv: list[str], told: list[int]) -> int:
         before what is still under way is evaluated.
     """
     try:
-        _init(argv)
+        join(argv)
         node = Evaluator()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
@@ -351,14 +383,3 @@ def spin(argv: list[str], told: list[int]) -> int:
     if node.unwritten:
         return UNABLE
     return FAILED if node.failed_gates and node.settings.exit_code_from_gates else PASSED
-
-
-def _init(argv: list[str]) -> None:
-    """Join the graph; an argument that ROS does not understand is a ConfigError."""
-    set_logger_level('rcl', LoggingSeverity.FATAL)  # it is said once, and below
-    try:
-        rclpy.init(args=argv, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:
-        problem = str(error).removeprefix('failed to initialize rcl: ')
-        raise ConfigError(f'--ros-args: not understood: {problem.split(", at /")[0]}') from None
-    set_logger_level('rcl', LoggingSeverity.UNSET)

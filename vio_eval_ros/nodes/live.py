@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 import copy
 from dataclasses import replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from vio_eval_ros.core.evaluation import Evaluation, MOST_WAITING, RunningSeries
 from vio_eval_ros.core.gates import Gate, judge
 from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.errors import ReadError, WriteError
+from vio_eval_ros.nodes.diagnosing import Diagnosing
 from vio_eval_ros.recordings.messages import PathRevisions
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.reports import REPORTS, write_all
@@ -28,6 +30,7 @@ from vio_eval_ros.reports.tables import series_csv, tum
 
 MIN_JUMP_M = 0.5
 REPORT_FILES = {'json': 'result.json', 'markdown': 'result.md', 'csv': 'errors.csv'}
+SERIES, ESTIMATE, GROUND_TRUTH = 'series.csv', 'estimate.tum', 'ground_truth.tum'
 
 
 class LiveRun:
@@ -50,6 +53,8 @@ class LiveRun:
         self.config = config
         #: what the user should know of how the poses came here, for the warnings of the result
         self.notes: list[str] = []
+        #: why it is as bad as it is
+        self.diagnosing = Diagnosing(config)
         self._series = RunningSeries(config, max_pairs)
         self._rows = Rows()
         self._gates = gates
@@ -132,10 +137,10 @@ class LiveRun:
         result, rows = self._ended()
         pairs = result.summary.pairs
         files = {name: REPORTS[kind](result) for kind, name in REPORT_FILES.items()}
-        files['series.csv'] = series_csv(rows)
+        files[SERIES] = series_csv(rows)
         for name, trajectory in (
-            ('estimate.tum', pairs.estimate),
-            ('ground_truth.tum', pairs.ground_truth),
+            (ESTIMATE, pairs.estimate),
+            (GROUND_TRUTH, pairs.ground_truth),
         ):
             if trajectory.rotations is not None:
                 files[name] = tum(trajectory)
@@ -218,10 +223,19 @@ def make_writable(folder: Path) -> None:
     :raises WriteError: neither is possible.
     """
     try:
+        if folder.exists() and not folder.is_dir():
+            raise WriteError(folder, 'it is a file, not a folder')
         folder.mkdir(parents=True, exist_ok=True)
         TemporaryFile(dir=folder).close()
     except OSError as error:
         raise WriteError(folder, error.strerror or str(error)) from None
+
+
+def remove_report(folder: Path) -> None:
+    """Remove the files of a report, as far as they are there and can be."""
+    for name in (*REPORT_FILES.values(), SERIES, ESTIMATE, GROUND_TRUTH):
+        with suppress(OSError):
+            (folder / name).unlink()
 
 
 def strides(trajectory: Trajectory) -> np.ndarray:

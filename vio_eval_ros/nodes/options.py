@@ -16,7 +16,7 @@ class NodeConfig(Options):
     estimate_type: str = option('', 'message type of the estimate; empty: found out')
     ground_truth_type: str = option('', 'message type of the ground truth; empty: found out')
     ground_truth_file: str = option(
-        '', 'file or folder with the ground truth (TUM, EuRoC), instead of the topic'
+        '', 'ground truth instead of the topic: TUM or EuRoC file or folder, or RECORDING:/topic'
     )
     gates_file: str = option('', 'YAML file of gates: {metric: {max: number, min: number}}')
     report_dir: str = option('', 'folder for the report of each run; empty: none is written')
@@ -34,5 +34,5 @@ class NodeConfig(Options):
         minimum=1000,
     )
     exit_code_from_gates: bool = option(
-        False, 'exit with status 1 where a gate of the last run failed'
+        False, 'exit with status 1 where a gate of some run failed'
     )

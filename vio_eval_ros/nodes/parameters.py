@@ -7,12 +7,13 @@ from collections.abc import Iterable
 from dataclasses import Field, fields, replace
 import math
 from typing import Any
+import warnings
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor
 from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile
+from rclpy.qos import HistoryPolicy, QoSProfile
 from rclpy.qos_overriding_options import _declare_qos_parameters, QoSOverridingOptions
 from rclpy.subscription import Subscription
 
@@ -21,6 +22,7 @@ from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.nodes.options import NodeConfig, SETTABLE
 
 LARGEST_INTEGER = (1 << 63) - 1
+DEEPEST = 1_000_000
 
 
 def declare(node: Node) -> tuple[EvaluationConfig, NodeConfig]:
@@ -56,10 +58,16 @@ def override_quality(node: Node, topic: str, quality: QoSProfile) -> None:
     """
     policies = QoSOverridingOptions.with_default_policies()
     try:
-        # what create_subscription does; this is before the message type is known
-        _declare_qos_parameters(Subscription, node, topic, quality, policies)
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore')  # what is wrong with the depth is said below
+            # what create_subscription does; this is before the message type is known
+            _declare_qos_parameters(Subscription, node, topic, quality, policies)
     except (ParameterException, RuntimeError, AssertionError, ValueError) as error:
         raise ConfigError(f'qos_overrides.{topic}: {error}') from None
+    if quality.history not in (HistoryPolicy.KEEP_LAST, HistoryPolicy.KEEP_ALL):
+        raise ConfigError(f'qos_overrides.{topic}: history is keep_last or keep_all')
+    if not 1 <= quality.depth <= DEEPEST:
+        raise ConfigError(f'qos_overrides.{topic}: depth is a number from 1 to {DEEPEST}')
 
 
 def refuse_unknown(node: Node) -> None:

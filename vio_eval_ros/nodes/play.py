@@ -11,13 +11,16 @@ from pathlib import Path
 import signal
 import sys
 import time
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from vio_eval_ros.cli.shell import Parser, PASSED, run
 from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
-from vio_eval_ros.recordings.bags import Topic
-from vio_eval_ros.recordings.playback import Offer, Playback
+from vio_eval_ros.nodes import without_ros
 from vio_eval_ros.settings import finite
+
+if TYPE_CHECKING:
+    from vio_eval_ros.recordings.bags import Topic
+    from vio_eval_ros.recordings.playback import Playback
 
 EXAMPLES = """
 examples:
@@ -98,6 +101,9 @@ def _not_negative(text: str) -> float:
 
 def _play(options: argparse.Namespace, ros_arguments: list[str]) -> int:
     try:
+        # imported here, so that Ctrl-C is heard meanwhile
+        from vio_eval_ros.recordings.playback import Playback
+
         with Playback(options.recording) as playback:
             for warning in playback.warnings:
                 _say(f'{warning}; left out')
@@ -113,18 +119,16 @@ def _publish(playback: Playback, options: argparse.Namespace, ros_arguments: lis
     new_names = _new_names(topics, options.remap)
     length_s = (playback.last_ns - playback.first_ns) / 1e9
     if options.start > length_s:
-        raise ConfigError(f'--start {options.start:g}: the recording is {length_s:.1f} s long')
+        raise ConfigError(f'--start {options.start:g}: the recording is {length_s:g} s long')
     length_s = min(options.duration, length_s - options.start)
     start_ns = playback.first_ns + round(options.start * 1e9)
     end_ns = start_ns + round(length_s * 1e9)
 
     try:
         from vio_eval_ros.nodes.player import message_class, Publication, running
+        from vio_eval_ros.recordings.playback import Offer
     except ImportError as error:
-        raise VioEvalError(
-            f'ROS 2 is missing ({error}); source its installation, or pip install '
-            'ros-jazzy-rclpy ros-jazzy-rmw-fastrtps-cpp ros-jazzy-common-interfaces'
-        ) from None
+        raise without_ros(error) from None
     publications = []
     for topic in topics:
         known = message_class(topic.msgtype)
@@ -134,7 +138,7 @@ def _publish(playback: Playback, options: argparse.Namespace, ros_arguments: lis
         offer = playback.offers.get(topic.name, Offer())
         publications.append(Publication(topic.name, new_names[topic.name], known, offer))
     if not publications:
-        raise VioEvalError('nothing to play: the message packages of all topics are missing')
+        raise VioEvalError('nothing to play: there is no topic that can be')
     names = {publication.topic for publication in publications}
 
     with running(publications, options.rate, options.paused, ros_arguments, _say) as player:
@@ -189,6 +193,8 @@ def _new_names(topics: Sequence[Topic], remap: Sequence[str]) -> dict[str, str]:
             raise ConfigError(f"--remap '{rule}': {old} is not played; {_listed(topics)}")
         names[old] = new
     for name in names.values():
+        if name.lstrip('/') == 'clock':
+            raise ConfigError('--remap: /clock is the time of the recording, which play tells')
         both = [old for old, new in names.items() if new.lstrip('/') == name.lstrip('/')]
         if len(both) > 1:
             raise ConfigError(f'--remap: {" and ".join(both)} would both be {name}')
@@ -207,7 +213,7 @@ def _wait_for_subscribers(player: Any) -> None:
 @contextmanager
 def _progress(length_s: float) -> Iterator[Callable[[float], None]]:
     """Return what takes the seconds that have been played; a terminal shows them as a bar."""
-    if not sys.stderr.isatty():
+    if sys.stderr is None or not sys.stderr.isatty():
         yield lambda seconds: None
         return
     from tqdm import tqdm
@@ -222,9 +228,17 @@ def _progress(length_s: float) -> Iterator[Callable[[float], None]]:
 
 
 def _say(line: str) -> None:
-    if sys.stderr.isatty():
-        from tqdm import tqdm
+    """Tell the user, if anybody listens; playing goes on if not."""
+    if sys.stderr is None:
+        return
+    from vio_eval_ros.reports.text import printable
 
-        tqdm.write(f'play: {line}', file=sys.stderr)
-    else:
-        print(f'play: {line}', file=sys.stderr, flush=True)
+    try:
+        if sys.stderr.isatty():
+            from tqdm import tqdm
+
+            tqdm.write(f'play: {printable(line)}', file=sys.stderr)
+        else:
+            print(f'play: {printable(line)}', file=sys.stderr, flush=True)
+    except OSError:
+        sys.stderr = None  # type: ignore[assignment]

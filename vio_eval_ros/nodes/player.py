@@ -20,11 +20,11 @@ from rclpy.exceptions import InvalidTopicNameException
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.nodes.joining import join
 from vio_eval_ros.recordings.playback import Offer, Timed
 
 TICK_S = 0.01  # of /clock while no message is due
@@ -112,7 +112,8 @@ class Player(Node):
                 for topic, name, message_type, offer in publications
             }
         except (InvalidTopicNameException, ValueError) as error:
-            raise ConfigError(f'--remap: {" ".join(str(error).split())}') from None
+            problem = ' '.join(str(error).split())
+            raise ConfigError(f'{problem}; give that topic another name with --remap') from None
         for name in ('pause', 'resume', 'step'):
             self.create_service(Trigger, f'~/{name}', getattr(self, f'_{name}'))
 
@@ -217,11 +218,7 @@ def running(
     say: Say,
 ) -> Iterator[Player]:
     """Start ROS and the node with its services; end both behind the with statement."""
-    try:
-        # what SIGINT and SIGTERM do is up to the command line
-        rclpy.init(args=['play', *ros_arguments], signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:
-        raise ConfigError(f'--ros-args: {" ".join(str(error).split())}') from None
+    join(['play', *ros_arguments])
     executor = SingleThreadedExecutor()
     services = Thread(target=executor.spin, name='services')
     try:
@@ -257,7 +254,9 @@ def _room_for_images() -> Iterator[None]:
 
 def message_class(msgtype: str) -> type | None:
     """Return the class of a type such as 'nav_msgs/msg/Odometry', where it is installed."""
-    package, _, name = msgtype.split('/')
+    package, _, name = msgtype.partition('/msg/')
+    if not (package.isidentifier() and name.isidentifier() and name[0].isupper()):
+        return None  # no name of a message, but whatever a file has in its place
     try:
         return getattr(importlib.import_module(f'{package}.msg'), name, None)
     except ImportError:

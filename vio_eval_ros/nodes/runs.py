@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from vio_eval_ros.nodes.stream import Stream
 
 JUMP_BACK_NS = 1_000_000_000
+JUMP_AHEAD_NS = 60_000_000_000
 MIN_JUMPED = 5
 # How long a stream may lag behind another: only then does it count as one that did not jump back.
 LAG_S = 5.0
@@ -39,7 +40,8 @@ class RunQueue:
     The poses of a stream as they arrive, told apart by run.
 
     A run ends where the stream jumps back by more than a second. A late pose is no jump: several
-    in a row must be that far behind, and until that is certain they are withheld.
+    in a row must be that far behind, and until that is certain they are withheld. So are those
+    that are far ahead; where they stay alone, they are handed on at the end of their run.
     """
 
     def __init__(self) -> None:
@@ -47,6 +49,7 @@ class RunQueue:
         self._runs: deque[list[Poses]] = deque([[]])
         self._begin_run()
         self._withheld: Poses = Trajectory.empty()
+        self._astray: list[Poses] = []
 
     def add(self, poses: Poses, now_s: float) -> None:
         """
@@ -55,17 +58,16 @@ class RunQueue:
         :param now_s: when they were seen [monotonic s].
         """
         poses = Poses.concatenate([self._withheld, poses])
+        poses, uncertain = self._without_strays(poses)
         end, begins_next = next_jump(poses.stamps_ns, self.newest_ns)
         while begins_next and len(self.jumps) < MOST_WAITING:
             self._append(poses[:end])
             poses = poses[end:]
-            self.jumps.append(Jump(self.newest_ns, int(poses.stamps_ns[0]), now_s))
-            self._runs.append([])
-            self._begin_run()
+            self._begin_next(int(poses.stamps_ns[0]), now_s)
             end, begins_next = next_jump(poses.stamps_ns, self.newest_ns)
         certain = len(poses) if begins_next else end
         self._append(poses[:certain])
-        self._withheld = poses[certain:]
+        self._withheld = Poses.concatenate([poses[certain:], uncertain])
 
     def take(self) -> Poses:
         """Return the poses of the run that were added since the last call."""
@@ -75,8 +77,9 @@ class RunQueue:
 
     def release(self) -> None:
         """Add what is withheld to the run: no more poses will come to tell what it is."""
-        self._append(self._withheld)
-        self._withheld = Trajectory.empty()
+        for poses in (self._withheld, *self._astray):
+            self._append(poses)
+        self._withheld, self._astray = Trajectory.empty(), []
 
     def next_run(self) -> None:
         """Go on to the next run: to that after the jump, or to one that begins now."""
@@ -85,6 +88,34 @@ class RunQueue:
             self._runs.popleft()
         else:
             self._begin_run()
+
+    def _without_strays(self, poses: Poses) -> tuple[Poses, Poses]:
+        """Set lone poses far ahead aside; return the others, and those that may be such."""
+        looked_at = 0
+        while True:
+            before = np.concatenate([[self.newest_ns], poses.stamps_ns])
+            before = np.maximum.accumulate(before)[:-1]
+            ahead = (poses.stamps_ns > before + JUMP_AHEAD_NS) & (before != BEFORE_ALL)
+            ahead[:looked_at] = False
+            if not ahead.any():
+                return poses, poses[:0]
+            k = int(ahead.argmax())
+            is_far = poses.stamps_ns[k : k + MIN_JUMPED] > before[k] + JUMP_AHEAD_NS
+            if not is_far.all():
+                strays = k + np.flatnonzero(is_far)
+                self._astray.append(poses[strays])
+                poses = poses[np.delete(np.arange(len(poses)), strays)]
+            elif len(is_far) < MIN_JUMPED:
+                return poses[:k], poses[k:]
+            else:  # a gap
+                looked_at = k + 1
+
+    def _begin_next(self, begin_ns: int, now_s: float) -> None:
+        self.jumps.append(Jump(self.newest_ns, begin_ns, now_s))
+        self._runs[-1] += self._astray
+        self._astray = []
+        self._runs.append([])
+        self._begin_run()
 
     def _begin_run(self) -> None:
         self.oldest_ns, self.newest_ns = AFTER_ALL, BEFORE_ALL
@@ -100,53 +131,70 @@ class RunQueue:
         self.unstamped = self.newest_ns == BEFORE_ALL
 
 
-class PathQueue:
+class PathQueue(RunQueue):
     """
-    The Path messages of a stream, told apart by run.
+    The poses of Path messages as first published, told apart by run.
 
     A Path that ends behind the half of the one before begins the next run, if the message after it
     does so too: a single one is late, and one that ends a little earlier has been pruned.
+
+    :param topic: what an error names.
     """
 
     def __init__(self, topic: str) -> None:
-        self.runs: deque[PathRevisions] = deque()
+        super().__init__()
         self._topic = topic
+        self._revisions = deque([PathRevisions(topic)])
         self._suspect: Poses | None = None
-        self._begin_run()
+        self._begin_path()
 
-    def add(self, revision: Poses) -> Iterator[Poses]:
-        """Take the poses of one more message; yield those that are new to their run."""
-        restarts = len(self.runs) <= MOST_WAITING and self._is_far_behind(revision)
+    @property
+    def revisions(self) -> PathRevisions:
+        """What the messages of the run said, the last word on each stamp included."""
+        return self._revisions[0]
+
+    def add(self, poses: Poses, now_s: float) -> None:
+        """Take the poses of one more message."""
+        restarts = len(self.jumps) < MOST_WAITING and self._is_far_behind(poses)
         if restarts and self._suspect is None:
-            self._suspect = revision
+            self._suspect = poses
             return
-        if restarts or not self.runs:
-            self.runs.append(PathRevisions(self._topic))
-            self._begin_run()
-        yield from self.release()
-        self._oldest_ns = min(self._oldest_ns, int(revision.stamps_ns.min()))
-        self._newest_ns = max(self._newest_ns, int(revision.stamps_ns.max()))
-        yield self.runs[-1].add(revision)
+        if restarts:
+            self._begin_next(int(poses.stamps_ns.min()), now_s)
+            self._revisions.append(PathRevisions(self._topic))
+            self._begin_path()
+        self.release()
+        self._first_ns = min(self._first_ns, int(poses.stamps_ns.min()))
+        self._last_ns = max(self._last_ns, int(poses.stamps_ns.max()))
+        self._revise(poses)
 
-    def release(self) -> Iterator[Poses]:
-        """Yield the poses of a message that is withheld, if there is one."""
+    def release(self) -> None:
+        """Add a message that is withheld, if there is one."""
         suspect, self._suspect = self._suspect, None
-        if suspect is not None and self.runs:
-            yield self.runs[-1].add(suspect)
+        if suspect is not None:
+            self._revise(suspect)
 
     def next_run(self) -> None:
-        """Go on to the next run."""
-        if self.runs:
-            self.runs.popleft()
+        """Go on to the next run; to one that begins now, what is over does not belong."""
+        if self.jumps:
+            self._revisions.popleft()
+        else:
+            self._over_ns = max(self._over_ns, self.newest_ns)
+            self._revisions = deque([PathRevisions(self._topic)])
+        super().next_run()
 
-    def _begin_run(self) -> None:
-        self._oldest_ns, self._newest_ns = AFTER_ALL, BEFORE_ALL
+    def _revise(self, poses: Poses) -> None:
+        self._append(self._revisions[-1].add(poses[poses.stamps_ns > self._over_ns]))
 
-    def _is_far_behind(self, revision: Poses) -> bool:
-        if self._newest_ns == BEFORE_ALL:
+    def _begin_path(self) -> None:
+        self._first_ns, self._last_ns = AFTER_ALL, BEFORE_ALL
+        self._over_ns = BEFORE_ALL
+
+    def _is_far_behind(self, poses: Poses) -> bool:
+        if self._last_ns == BEFORE_ALL:
             return False
-        allowed_ns = max(JUMP_BACK_NS, (self._newest_ns - self._oldest_ns) // 2)
-        return int(revision.stamps_ns.max()) + allowed_ns < self._newest_ns
+        allowed_ns = max(JUMP_BACK_NS, (self._last_ns - self._first_ns) // 2)
+        return int(poses.stamps_ns.max()) + allowed_ns < self._last_ns
 
 
 def next_jump(stamps_ns: np.ndarray, newest_ns: int) -> tuple[int, bool]:

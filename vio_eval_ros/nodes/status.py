@@ -9,6 +9,9 @@ from typing import TYPE_CHECKING
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
 from vio_eval_ros.core.gates import judge, SEVERITIES
+from vio_eval_ros.core.trajectory import Pairs
+from vio_eval_ros.diagnosis.diagnosis import Cause
+from vio_eval_ros.nodes.diagnosing import Diagnosing
 from vio_eval_ros.recordings.messages import CONVERTERS
 from vio_eval_ros.reports.text import number
 
@@ -23,6 +26,8 @@ LOW_COVERAGE = 0.9
 MANY_DROPPED = 0.01
 DIVERGED_FACTOR = 10.0
 DIVERGED_M = 10.0
+#: of causes, as the names of values have them
+UNITS = {'%/min': 'percent_per_min', 'deg/min': 'deg_per_min'}
 
 
 def status_messages(node: Evaluator) -> list[DiagnosticStatus]:
@@ -93,11 +98,25 @@ def _association(node: Evaluator) -> DiagnosticStatus:
             poor.append(f'{name.replace("_", " ")}: dropped {", ".join(reasons)}')
     if not values['pairs']:
         return _status('association', WARN, why_no_pairs(node), values)
+    if behind := _behind(node):
+        poor.insert(0, behind)
     if coverage < LOW_COVERAGE:
         poor.insert(0, f'only {100 * coverage:.1f} % of the ground truth was tracked')
     if poor:
         return _status('association', WARN, '; '.join(poor), values)
     return _status('association', OK, 'running', values)
+
+
+def _behind(node: Evaluator) -> str:
+    """Return which stream does not keep up with the other, if one does not."""
+    if node.truth is not None:
+        return ''
+    estimate_ns, truth_ns = (stream.runs.newest_ns for stream in node.streams)
+    ahead_s = (truth_ns - estimate_ns) / 1e9 - node.config.time_offset_s
+    if abs(ahead_s) <= node.settings.stale_after_s:
+        return ''
+    ends = ('estimate', 'ground truth') if ahead_s > 0 else ('ground truth', 'estimate')
+    return f'the {ends[0]} ends {abs(ahead_s):.1f} s before the {ends[1]}: no values for the rest'
 
 
 def why_no_pairs(node: Evaluator) -> str:
@@ -108,6 +127,9 @@ def why_no_pairs(node: Evaluator) -> str:
     if all(side.used or count for side, count in zip(sides, dropped, strict=True)):
         return node.run.evaluation.no_pairs()
     message = f'no pairs yet: {node.run.waiting_for()}'
+    for stream in node.streams:
+        if not stream.received and (problems := _problems(stream)):
+            message = f'{message}; {"; ".join(problems)}'
     unstamped = [stream.topic for stream in node.streams if stream.runs.unstamped]
     if unstamped:
         return f'{message}; {" and ".join(unstamped)} stamped 0: is there a /clock?'
@@ -139,6 +161,7 @@ def _streams(node: Evaluator) -> DiagnosticStatus:
             f'{stream.name}_publishers': stream.publishers,
             f'{stream.name}_received': stream.received,
             f'{stream.name}_lost': stream.lost,
+            f'{stream.name}_queue_full': stream.full,
             f'{stream.name}_undecodable': stream.undecodable,
             f'{stream.name}_incompatible_qos': stream.incompatible,
         }
@@ -171,6 +194,8 @@ def _problems(stream: Stream) -> list[str]:
         problems.append(f'{stream.undecodable} messages on {stream.topic} are no {stream.msgtype}')
     if stream.lost:
         problems.append(f'{stream.lost} messages on {stream.topic} were lost')
+    if stream.full:
+        problems.append(f'{stream.topic}: {stream.full} times the queue was full')
     problems = [problem for problem in problems if problem]
     if problems or stream.received:
         return problems
@@ -186,7 +211,8 @@ def _publishers(stream: Stream) -> str:
     if len(scorable) > 1 and not stream.msgtype:
         return f'{stream.topic} is published as {listed}; set {stream.name}_type to one of them'
     if scorable and stream.msgtype not in scorable:
-        return f'{stream.topic} is published as {listed}, not {stream.msgtype}'
+        remedy = f'set {stream.name}_type' if stream.is_given else 'restart the evaluator'
+        return f'{stream.topic} is published as {listed}, not {stream.msgtype}; {remedy}'
     if len(stream.published_types) > 1:
         return f'{stream.topic} is published as {listed}; only {stream.msgtype} is read'
     if stream.publishers > 1:
@@ -195,15 +221,64 @@ def _publishers(stream: Stream) -> str:
 
 
 def _diagnosis(node: Evaluator) -> DiagnosticStatus:
-    jump = node.run.largest_jump()
+    """Say what is wrong: the largest jump at once, all causes as of the last diagnosis."""
+    diagnosing, jump = node.run.diagnosing, node.run.largest_jump()
+    found = diagnosing.latest
+    causes = found.causes if found is not None else ()
+    values: dict[str, object] = {}
+    messages = []
     if jump is not None:
-        message = f'the estimate jumped by {number(jump[1])} m at {jump[0] / 1e9:.3f} s'
+        messages = [f'the estimate jumped by {number(jump[1])} m at {jump[0] / 1e9:.3f} s']
         values = {'jump_stamp_ns': jump[0], 'jump_m': jump[1]}
-        return _status('diagnosis', WARN, message, values)
+        causes = tuple(cause for cause in causes if cause.name != 'jump')
+    if diagnosing.problem:
+        messages.append(failed(diagnosing))
+    unmoved = [cause for cause in causes if cause.name == 'insufficient_motion']
+    if causes and not unmoved:
+        messages += [f'{cause.name}: {cause.evidence}' for cause in causes[:1]]
+        messages += [f'also {", ".join(cause.name for cause in causes[1:])}'] * (len(causes) > 1)
+        for k, cause in enumerate(causes, 1):
+            values |= {f'cause_{k}': cause.name, **_numbers(cause)}
+    if found is not None:
+        values |= {
+            'diagnosed_pairs': diagnosing.pairs,
+            'cannot_tell': ', '.join(found.cannot_tell),
+        }
+    if messages:
+        return _status('diagnosis', WARN, '; '.join(messages), values)
     if node.began_as:
         message = f'run {node.run_number} began as {node.began_as}'
-        return _status('diagnosis', OK, message, {})
-    return _status('diagnosis', OK, 'nothing unusual', {})
+    elif found is None or unmoved:
+        message = 'cannot tell yet: too little time or motion so far'
+    else:
+        message = 'nothing unusual'
+    return _status('diagnosis', OK, message, values)
+
+
+def _numbers(cause: Cause) -> dict[str, object]:
+    """Return what there is to say of a cause, under names that begin with its own."""
+    unit = f'_{UNITS.get(cause.unit, cause.unit)}'
+    sizes = {unit: cause.value, f'_uncertainty{unit}': cause.uncertainty}
+    said = {'_confidence': cause.confidence, '_advice': cause.advice}
+    return {
+        f'{cause.name}{key}': value
+        for key, value in {**sizes, **said, '_flags': ' '.join(cause.flags)}.items()
+        if not (isinstance(value, float) and math.isnan(value))
+    }
+
+
+def failed(diagnosing: Diagnosing) -> str:
+    """Return that there is no diagnosis, for no fault of the run's."""
+    return f'the diagnosis failed: this is a bug, please report it: {diagnosing.problem}'
+
+
+def found_wrong(diagnosing: Diagnosing, pairs: Pairs) -> list[str]:
+    """Return a line for each cause that is found in the pairs of a run that has ended."""
+    found = diagnosing.conclude(pairs)
+    causes = found.causes if found is not None else ()
+    if diagnosing.problem:
+        return [failed(diagnosing)]
+    return [f'{cause.name}: {cause.evidence}. {cause.advice}' for cause in causes]
 
 
 def _diverged(node: Evaluator) -> bool:

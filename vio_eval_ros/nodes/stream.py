@@ -16,10 +16,16 @@ from rclpy.event_handler import (
 )
 from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
-from rclpy.qos import qos_check_compatible, QoSCompatibility, QoSProfile, ReliabilityPolicy
+from rclpy.qos import (
+    HistoryPolicy,
+    qos_check_compatible,
+    QoSCompatibility,
+    QoSProfile,
+    ReliabilityPolicy,
+)
 from rclpy.serialization import deserialize_message
 
-from vio_eval_ros.core.trajectory import Poses, Trajectory
+from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.nodes.parameters import override_quality
 from vio_eval_ros.nodes.runs import PathQueue, RunQueue
@@ -28,6 +34,7 @@ from vio_eval_ros.recordings.messages import collect, CONVERTERS, PATH, PathRevi
 
 # more than any sensor sends between two looks
 DEPTH = 20_000
+MISSING = ('lost', 'full', 'undecodable')
 COUNTED = {
     'incompatible': QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
     'lost': QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST,
@@ -66,6 +73,7 @@ class Stream:
         self.name = name
         self.topic = node.resolve_topic_name(name)
         self.msgtype = msgtype
+        self.is_given = bool(msgtype)
         self.published_types: list[str] = []
         self._frame = ''
         self.publishers = 0
@@ -74,11 +82,12 @@ class Stream:
         self.incompatible = 0
         self.incompatibility = ''
         self.undecodable = 0
+        self.full = 0
         self.runs = RunQueue()
         self._node = node
         self._quality = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._raw: list[bytes] = []
-        self.paths = PathQueue(self.topic)
+        self._before: dict[str, int] = {}
         self._class: Any = None
         self._subscription: Any = None
         self._events: dict[str, Any] = {}
@@ -94,9 +103,9 @@ class Stream:
         return self._frame or 'world'
 
     @property
-    def path(self) -> PathRevisions | None:
-        """What the Path messages of the run said, where it is of Paths."""
-        return self.paths.runs[0] if self.paths.runs else None
+    def revisions(self) -> PathRevisions | None:
+        """What the messages of the run said, where they are Paths."""
+        return self.runs.revisions if isinstance(self.runs, PathQueue) else None
 
     def discover(self) -> None:
         """Look at the publishers and at what was lost; subscribe when the type is known."""
@@ -117,8 +126,7 @@ class Stream:
     def read(self) -> None:
         """Take all messages that have arrived, and hand their poses to ``runs``."""
         self.drain()
-        arrived = self.decode()
-        if arrived is not None:
+        for arrived in self.decode():
             self.runs.add(arrived, self.received_s)
 
     def drain(self) -> None:
@@ -132,32 +140,42 @@ class Stream:
                 self._raw.append(message[0])
                 if len(self._raw) - taken >= DEPTH:
                     break
-        if len(self._raw) > taken:
-            self.received += len(self._raw) - taken
+        count = len(self._raw) - taken
+        if count:
+            self.received += count
             self.received_s = time.monotonic()
+        # what it had no room for was overwritten, which is no event
+        is_bounded = self._quality.history == HistoryPolicy.KEEP_LAST
+        self.full += is_bounded and count >= self._quality.depth
 
-    def decode(self) -> Poses | None:
-        """Return the poses of the messages taken since the last call; None of none."""
+    def decode(self) -> Iterator[Poses]:
+        """Yield the poses of the messages taken since the last call; of each Path by itself."""
         raw, self._raw = self._raw, []
         if not raw:
-            return None
+            return
         if not self._frame:
             first = next(self._messages(raw), None)
             self._frame = (first and first.header.frame_id) or 'world'
         if self.msgtype == PATH:
-            return self._of_paths(raw)
+            yield from self._of_paths(raw)
+            return
         columns = cdr.decode(self.msgtype, raw, ros1=False)
-        if columns is not None:
-            return poses(*columns)
-        return self._collected(raw)
+        yield poses(*columns) if columns is not None else self._collected(raw)
 
     def notes(self) -> list[str]:
-        """Return what is missing of the stream: of lost messages no other figure tells."""
+        """Return what is missing of the run: what did not arrive no other figure tells."""
         self._count_events()
-        if not self.lost:
-            return []
-        name = self.name.replace('_', ' ')
-        return [f'{name}: {self.lost} messages on {self.topic} were lost; make it reliable']
+        lost, full, undecodable = (
+            getattr(self, counter) - self._before.get(counter, 0) for counter in MISSING
+        )
+        found = []
+        if lost:
+            found.append(f'{lost} messages on {self.topic} were lost; make it reliable')
+        if full:
+            found.append(f'{self.topic}: {full} times the queue was full, and may have lost some')
+        if undecodable:
+            found.append(f'{undecodable} messages on {self.topic} are no {self.msgtype}')
+        return [f'{self.name.replace("_", " ")}: {line}' for line in found]
 
     def silent_s(self) -> float:
         """Return for how long nothing has come."""
@@ -166,23 +184,19 @@ class Stream:
     def next_run(self) -> None:
         """Go on to the next run."""
         self.runs.next_run()
-        self.paths.next_run()
+        self._count_events()
+        self._before = {counter: getattr(self, counter) for counter in MISSING}
 
     def release(self) -> None:
         """Hand on what is withheld: no more will come to tell what it is."""
-        for left in self.paths.release():
-            self.runs.add(left, self.received_s)
         self.runs.release()
 
-    def _of_paths(self, raw: list[bytes]) -> Poses:
-        """Return the poses as first published; ``path`` knows how they were revised since."""
-        new: list[Poses] = [Trajectory.empty()]
+    def _of_paths(self, raw: list[bytes]) -> Iterator[Poses]:
         for message in raw:
             columns = cdr.decode_path(message, ros1=False)
             revision = poses(*columns) if columns else self._collected([message])
             if len(revision):
-                new += self.paths.add(revision)
-        return Poses.concatenate(new)
+                yield revision
 
     def _collected(self, raw: list[bytes]) -> Poses:
         """Return the poses of messages one by one, without those that are not of their type."""
@@ -206,6 +220,7 @@ class Stream:
                 f'{", ".join(CONVERTERS)}'
             )
         self.msgtype = msgtype
+        self.runs = PathQueue(self.topic) if msgtype == PATH else RunQueue()
         package, _, name = msgtype.split('/')
         self._class = getattr(importlib.import_module(f'{package}.msg'), name)
         self._subscription = self._node.create_subscription(

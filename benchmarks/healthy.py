@@ -1,0 +1,184 @@
+"""
+Diagnoses runs that have nothing wrong, and says what is named all the same.
+
+Simulated flights of several lengths, drifts and seeds; the first seconds of published runs, as
+the live node sees them; published runs on other data than benchmarks/confusion.py takes, which may
+have something wrong; and how long it takes. Prints Markdown tables.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+import json
+import math
+import os
+from pathlib import Path
+import time
+
+os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+
+import numpy as np
+
+from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.evaluation import Evaluation
+from vio_eval_ros.core.trajectory import clean, Cleaning, Pairs, Trajectory
+from vio_eval_ros.diagnosis.diagnosis import diagnose, diagnose_run, Diagnosis
+from vio_eval_ros.diagnosis.run import Run
+from vio_eval_ros.errors import NoPairs
+from vio_eval_ros.recordings.sources import read_sources
+from vio_eval_ros.simulation import Drift, simulate
+
+PROJECT = Path(__file__).resolve().parents[1]
+DATA = Path(os.environ.get('VIO_EVAL_ROS_DATA', PROJECT.parent / 'shared' / 'data'))
+CONFIG = EvaluationConfig()
+LENGTHS_S, SEEDS = (20.0, 60.0, 180.0), range(1000, 1020)
+DRIFTS = (0.3, 1.0, 2.0, 4.0)
+PREFIXES_S = (10, 20, 30, 45, 60)
+SIZES = (1_200, 6_000, 20_000)
+KITTI = 'evo_test_data/KITTI_00'
+OTHERS = [
+    ('evo_test_data/freiburg1_xyz-rgbdslam.txt', 'evo_test_data/freiburg1_xyz-groundtruth.txt'),
+    ('evo_test_data/freiburg1_xyz-ORB_kf_mono.txt', 'evo_test_data/freiburg1_xyz-groundtruth.txt'),
+    (
+        'est_orbslam3/shanpenghui_tumvi/room4/raw/f_dataset-room4_512_mono.txt?stamps=ns',
+        'gt_tumvi/open_vins/dataset-room4_512_16.txt',
+    ),
+    (
+        'est_kimera/V1_01/traj_vio.csv?quaternion=wxyz',
+        'gt_euroc/open_vins_tum/V1_01_easy.txt',
+    ),
+    ('est_vins_kavehsgh/vins_tum.txt', 'est_vins_kavehsgh/ground_truth.tum'),
+    (f'{KITTI}_ORB.txt', f'{KITTI}_gt.txt'),
+]
+
+
+def main() -> None:
+    """Print all tables."""
+    simulated()
+    if DATA.is_dir():
+        beginnings()
+        others()
+    durations()
+
+
+def simulated() -> None:
+    """Print what is named of flights whose drift is some times the usual."""
+    print('| drift | ' + ' | '.join(f'{length:g} s' for length in LENGTHS_S) + ' |')
+    print('|---|' + '---|' * len(LENGTHS_S))
+    usual = Drift()
+    for times in DRIFTS:
+        drift = Drift(
+            times * usual.position_walk,
+            times * usual.yaw_walk,
+            1 + times * (usual.scale - 1),
+            times * usual.position_noise,
+            times * usual.orientation_noise,
+        )
+        cells = []
+        for length_s in LENGTHS_S:
+            flights = [simulate(length_s, seed=seed, drift=drift) for seed in SEEDS]
+            cells.append(
+                counted([diagnose(one.estimate, one.ground_truth, CONFIG) for one in flights])
+            )
+        print(f'| {times:g} times | ' + ' | '.join(cells) + ' |')
+
+
+def counted(found: list[Diagnosis]) -> str:
+    """Return of how many runs something is named, and what."""
+    names = Counter(cause.name for one in found for cause in one.causes)
+    what = ', '.join(f'{count} {name}' for name, count in names.most_common())
+    return f'{sum(bool(one.causes) for one in found)} of {len(found)}' + (f': {what}' * bool(what))
+
+
+def beginnings() -> None:
+    """Print what is named of the beginnings of runs and not of the whole, from pairs alone."""
+    runs = [pairs_of(*poses_of(*specs)) for specs in published()]
+    whole = [named(pairs) for pairs in runs]
+    print('\n| first | runs | named, and not of the whole |\n|---|---:|---|')
+    for seconds in PREFIXES_S:
+        more: Counter[str] = Counter()
+        count = 0
+        for pairs, known in zip(runs, whole, strict=True):
+            stamps_ns = pairs.estimate.stamps_ns
+            early = pairs[: int(np.searchsorted(stamps_ns, stamps_ns[0] + seconds * 10**9))]
+            try:
+                more.update(named(early) - known)
+            except NoPairs:
+                continue
+            count += 1
+        what = ', '.join(f'{n} {name}' for name, n in more.most_common())
+        print(f'| {seconds} s | {count} | {what or "nothing"} |')
+
+
+def published() -> Iterator[tuple[str, str]]:
+    """Yield the pairs of files of EuRoC runs."""
+    for one in json.loads((DATA / 'golden.json').read_text()):
+        if one['sequence'] in ('V1_02', 'MH_01', 'MH_05'):
+            yield one['estimate'], one['ground_truth']
+
+
+def poses_of(*specs: str) -> tuple[Trajectory, Trajectory]:
+    """Return an estimate and its truth."""
+    times = DATA / f'{KITTI}_gt_times.txt' if KITTI in specs[0] else None
+    estimate, truth = (
+        clean(source.poses, Cleaning(), zero_stamps=source.zero_stamps)
+        for source in read_sources([f'{DATA}/{spec}' for spec in specs], None, times)
+    )
+    return estimate, truth
+
+
+def pairs_of(estimate: Trajectory, truth: Trajectory) -> Pairs:
+    """Return what a live evaluation keeps of them."""
+    evaluation = Evaluation(CONFIG)
+    evaluation.add_ground_truth(truth)
+    evaluation.add_estimate(estimate)
+    evaluation.flush()
+    return evaluation.summary().pairs
+
+
+def named(pairs: Pairs) -> set[str]:
+    """Return the causes that are named of pairs."""
+    found = diagnose_run(Run(pairs.estimate, pairs.ground_truth, CONFIG))
+    return {cause.name for cause in found.causes}
+
+
+def others() -> None:
+    """Print what is named of runs on other data."""
+    print('\n| run | named |\n|---|---|')
+    for specs in OTHERS:
+        found = diagnose(*poses_of(*specs), CONFIG)
+        causes = [
+            f'{cause.name} {cause.value:.3g}'
+            + (f' ± {cause.uncertainty:.2g}' if math.isfinite(cause.uncertainty) else '')
+            + f' {cause.unit}'
+            for cause in found.causes
+        ]
+        name = specs[0].partition('?')[0].rpartition('/')[2]
+        print(f'| {name} | {", ".join(causes) or "nothing"} |')
+
+
+def durations() -> None:
+    """Print how long a diagnosis takes."""
+    print('\n| poses of estimate, truth | s |\n|---|---:|')
+    for size in SIZES:
+        run = simulate(size / 20)
+        print(
+            f'| {size:,}, {len(run.ground_truth):,} | {best_s(run.estimate, run.ground_truth)} |'
+        )
+        pairs = pairs_of(run.estimate, run.ground_truth)
+        print(f'| {size:,}, as many (live) | {best_s(pairs.estimate, pairs.ground_truth)} |')
+
+
+def best_s(estimate: Trajectory, truth: Trajectory) -> str:
+    """Return the shortest of three tries."""
+    took = []
+    for _ in range(3):
+        began = time.perf_counter()
+        diagnose(estimate, truth, CONFIG)
+        took.append(time.perf_counter() - began)
+    return f'{min(took):.2f}'
+
+
+if __name__ == '__main__':
+    main()

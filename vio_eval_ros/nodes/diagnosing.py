@@ -1,0 +1,90 @@
+"""
+What is wrong with a run that goes on, from its pairs so far.
+
+Knows nothing of ROS. A diagnosis takes a second at most, in a thread of its own, and together they
+take no more than a small share of the time.
+"""
+
+from __future__ import annotations
+
+from threading import Thread
+import time
+
+import numpy as np
+
+from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.trajectory import Pairs
+from vio_eval_ros.diagnosis.diagnosis import diagnose_run, Diagnosis
+from vio_eval_ros.diagnosis.run import Run
+from vio_eval_ros.errors import NoPairs
+
+EVERY_S = 10.0
+#: of a processor's time, that diagnoses may take
+SHARE = 0.02
+#: a run that is shorter may be all initialisation
+SHORTEST_S = 20.0
+MOST_PAIRS = 10_000
+#: what more pairs a second would add costs more than it tells
+DENSE_S = 0.1
+
+
+class Diagnosing:
+    """
+    The diagnosis of one run, brought up to date now and then.
+
+    :param config: the options of the evaluation that the pairs come from.
+    """
+
+    def __init__(self, config: EvaluationConfig) -> None:
+        #: None where nothing can be told yet
+        self.latest: Diagnosis | None = None
+        #: how many pairs it is of
+        self.pairs = 0
+        #: what went wrong in the last one, a bug that is to be reported
+        self.problem = ''
+        self._config = config
+        self._thread: Thread | None = None
+        self._due_s = 0.0
+
+    def look(self, pairs: Pairs) -> None:
+        """Begin the next diagnosis, where it is due and there are pairs that it can tell from."""
+        busy = self._thread is not None and self._thread.is_alive()
+        if not busy and time.monotonic() >= self._due_s and long_enough(pairs):
+            self._thread = Thread(target=self._diagnose, args=(sample(pairs),))
+            self._thread.start()
+
+    def conclude(self, pairs: Pairs) -> Diagnosis | None:
+        """Return the diagnosis of all pairs of a run that has ended."""
+        if self._thread is not None:
+            self._thread.join()
+        self.latest = None
+        if long_enough(pairs):
+            self._diagnose(sample(pairs))
+        return self.latest
+
+    def _diagnose(self, pairs: Pairs) -> None:
+        began_s, busy_s = time.monotonic(), time.thread_time()
+        try:
+            run = Run(pairs.estimate, pairs.ground_truth, self._config)
+            self.latest, self.pairs, self.problem = diagnose_run(run), len(pairs), ''
+        except NoPairs:
+            self.latest = None
+        except Exception as error:  # the evaluation must go on
+            self.problem = f'{type(error).__name__}: {error}'
+        busy_s = time.thread_time() - busy_s
+        self._due_s = began_s + max(EVERY_S, busy_s / SHARE)
+
+
+def long_enough(pairs: Pairs) -> bool:
+    """Return whether pairs are of a time in which more happens than initialisation."""
+    stamps_ns = pairs.estimate.stamps_ns
+    return len(pairs) > 1 and float(stamps_ns[-1] - stamps_ns[0]) >= SHORTEST_S * 1e9
+
+
+def sample(pairs: Pairs) -> Pairs:
+    """Return all pairs where they are few, else the newest, evenly chosen and not too sparse."""
+    if len(pairs) <= MOST_PAIRS:
+        return pairs
+    interval_s = float(np.ptp(pairs.estimate.stamps_ns)) / 1e9 / len(pairs)
+    stride = max(min(-(-len(pairs) // MOST_PAIRS), int(DENSE_S / interval_s)), 1)
+    return pairs[(len(pairs) - 1) % stride :: stride][-MOST_PAIRS:]

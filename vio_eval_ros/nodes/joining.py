@@ -1,0 +1,33 @@
+"""How a process joins the ROS graph, and what is wrong where it cannot."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+import os
+
+import rclpy
+from rclpy.logging import LoggingSeverity, set_logger_level
+from rclpy.signals import SignalHandlerOptions
+
+from vio_eval_ros.errors import ConfigError
+
+LAST_DOMAIN = 232  # that has ports of its own
+
+
+def join(arguments: Sequence[str]) -> None:
+    """
+    Join the graph; what SIGINT and SIGTERM do is left to the caller.
+
+    :param arguments: of the process, those of ROS among them.
+    :raises ConfigError: an argument that ROS does not understand, or no domain.
+    """
+    domain = os.environ.get('ROS_DOMAIN_ID') or '0'
+    if not (domain.isascii() and domain.isdigit() and int(domain) <= LAST_DOMAIN):
+        raise ConfigError(f"ROS_DOMAIN_ID: '{domain}' is no number from 0 to {LAST_DOMAIN}")
+    set_logger_level('rcl', LoggingSeverity.FATAL)  # it is said once, and below
+    try:
+        rclpy.init(args=[*arguments], signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:
+        problem = ' '.join(str(error).split()).removeprefix('failed to initialize rcl: ')
+        raise ConfigError(f'--ros-args: not understood: {problem.split(", at /")[0]}') from None
+    set_logger_level('rcl', LoggingSeverity.UNSET)
