@@ -249,7 +249,7 @@ def path_3d(course: Course) -> Figure:
             scene={
                 **axes,
                 'aspectmode': 'manual',
-                'aspectratio': dict(zip('xyz', (1.5 * sides).tolist(), strict=True)),
+                'aspectratio': dict(zip('xyz', (1.3 * sides).tolist(), strict=True)),
                 # a turntable has its axis along z
                 'dragmode': 'turntable' if course.axes_from_above == 'xy' else 'orbit',
                 'camera': CAMERAS[course.axes_from_above],
