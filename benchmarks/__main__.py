@@ -6,7 +6,7 @@ from pathlib import Path
 import subprocess
 import sys
 
-SCRIPTS = ('compare.py', 'suite.py', 'live.py', 'play.py')
+SCRIPTS = ('compare.py', 'suite.py', 'live.py', 'play.py', 'confusion.py', 'imu_noise.py')
 
 
 def main(options: list[str]) -> int:

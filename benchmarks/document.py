@@ -12,12 +12,12 @@ from statistics import median
 from typing import NamedTuple
 
 DOCUMENT = Path(__file__).resolve().parents[1] / 'docs' / 'benchmarks.md'
-SECTIONS = ('Replay', 'Suites', 'Live', 'Play')
+SECTIONS = ('Replay', 'Suites', 'Live', 'Play', 'Diagnosis', 'IMU noise')
 HEAD = """# Benchmarks
 
-Written by `make bench`, a section by each of `benchmarks/compare.py`, `suite.py`, `live.py` and
-`play.py`, which can also be run alone. Figures are medians, with the smallest and the largest in
-brackets."""
+Written by `make bench`, a section by each of `benchmarks/compare.py`, `suite.py`, `live.py`,
+`play.py`, `confusion.py` and `imu_noise.py`, which can also be run alone. Figures are medians,
+with the smallest and the largest in brackets."""
 
 
 class Target(NamedTuple):

@@ -71,7 +71,7 @@ def test_every_parameter_that_is_set_exists():
     file = ROOT / 'launch' / 'evaluator.launch.py'
     (options,) = (
         node
-        for node in ast.parse((ROOT / 'vio_eval_ros/nodes/parameters.py').read_text()).body
+        for node in ast.parse((ROOT / 'vio_eval_ros/nodes/options.py').read_text()).body
         if isinstance(node, ast.ClassDef) and node.name == 'NodeConfig'
     )
     known = {item.target.id for item in options.body if isinstance(item, ast.AnnAssign)}

@@ -17,6 +17,8 @@ VERBS: dict[str, tuple[str, str]] = {
     'score': ('vio_eval_ros.cli.score', 'score a suite of runs against gates and a baseline'),
     'imu_noise': ('vio_eval_ros.cli.imu_noise', 'measure the noise of an IMU at rest'),
     'diagnose': ('vio_eval_ros.cli.diagnose', 'say why an estimate is bad'),
+    'simulate': ('vio_eval_ros.cli.simulate', 'write a run with known truth and chosen faults'),
+    'inspect': ('vio_eval_ros.cli.inspect', 'look for faults in the streams of a recording'),
     'play': ('vio_eval_ros.nodes.play', 'publish a recording into ROS 2'),
 }
 

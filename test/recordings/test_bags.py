@@ -1,10 +1,12 @@
 """Every kind of recording gives the same poses; none that is damaged gives a traceback."""
 
+from contextlib import ExitStack
 from pathlib import Path
 import random
 import shutil
 
 from mcap.reader import make_reader
+from mcap.stream_reader import CRCValidationError
 from mcap.writer import CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 import numpy as np
@@ -20,6 +22,7 @@ from vio_eval_ros.errors import ReadError, UnsupportedMessage, VioEvalError
 from vio_eval_ros.recordings import bags
 from vio_eval_ros.recordings.bags import Recording, Topic
 from vio_eval_ros.recordings.messages import collect, CONVERTERS, PATH, PathRevisions
+from vio_eval_ros.recordings.storage import McapStorage
 
 ROS2 = get_typestore(Stores.ROS2_JAZZY)
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
@@ -911,6 +914,24 @@ def test_a_changed_number_is_found_by_its_checksum(tmp_path):
     path.write_bytes(content)
     with pytest.raises(ReadError, match='crc'):
         read(path, '/PoseStamped')
+
+
+def test_an_indexed_mcap_is_read_a_chunk_at_a_time(tmp_path):
+    path = tmp_path / 'two_chunks.mcap'
+    with path.open('wb') as file:
+        writer = McapWriter(file, compression=CompressionType.NONE, chunk_size=1)
+        writer.start()
+        schema = writer.register_schema('geometry_msgs/msg/PoseStamped', 'ros2msg', b'')
+        channel = writer.register_channel('/pose', 'cdr', schema)
+        for k, data in enumerate((b'first chunk', b'second chunk')):
+            writer.add_message(channel, k, data, k)
+        writer.finish()
+    path.write_bytes(path.read_bytes().replace(b'second chunk', b'sEcond chunk'))
+    with ExitStack() as stack:
+        messages = McapStorage(path, stack).messages({'/pose'})
+        assert next(messages) == ('/pose', b'first chunk')
+        with pytest.raises(CRCValidationError):
+            next(messages)
 
 
 def test_a_length_beyond_all_memory_is_taken_for_damage(recording, monkeypatch):

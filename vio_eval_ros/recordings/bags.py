@@ -242,10 +242,10 @@ class _Decoder:
             )
         self.source = source
         self.msgtype = channel.msgtype
-        self._ros1 = channel.encoding == 'ros1'
-        self._function = types.deserialize_ros1 if self._ros1 else types.deserialize_cdr
-        standard = standard_types(self._ros1)
-        self._is_standard = self.msgtype in standard.fielddefs and (
+        self.ros1 = channel.encoding == 'ros1'
+        self._function = types.deserialize_ros1 if self.ros1 else types.deserialize_cdr
+        standard = standard_types(self.ros1)
+        self.is_standard = self.msgtype in standard.fielddefs and (
             types.hash_rihs01(self.msgtype) == standard.hash_rihs01(self.msgtype)
         )
 
@@ -255,11 +255,11 @@ class _Decoder:
 
     def columns(self, block: list[bytes]) -> tuple[np.ndarray, np.ndarray]:
         """Return the stamps and numbers of the poses in many messages."""
-        if self._is_standard:
+        if self.is_standard:
             fast = (
-                cdr.decode_path(block[0], self._ros1)
+                cdr.decode_path(block[0], self.ros1)
                 if self.msgtype == PATH
-                else cdr.decode(self.msgtype, block, self._ros1)
+                else cdr.decode(self.msgtype, block, self.ros1)
             )
             if fast is not None:
                 return fast

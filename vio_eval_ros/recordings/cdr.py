@@ -41,11 +41,18 @@ def decode(
     msgtype: str, messages: Sequence[bytes], ros1: bool
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """Return the stamps and numbers of messages of a type in LAYOUTS; None if unusual."""
+    return columns(LAYOUTS[msgtype], messages, ros1)
+
+
+def columns(
+    layout: Layout, messages: Sequence[bytes], ros1: bool
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """Return the stamps and first numbers of messages of one layout; None if unusual."""
     ends = np.cumsum([len(message) for message in messages])
     starts = np.concatenate([[0], ends[:-1]])
     try:
         block = _Block(b''.join(messages), starts, ros1)
-        stamps, numbers, read = block.records(block.begin, LAYOUTS[msgtype])
+        stamps, numbers, read = block.records(block.begin, layout)
     except (IndexError, ValueError):  # a length points out of the block
         return None
     return (stamps, numbers) if block.ends_at(ends, read) else None

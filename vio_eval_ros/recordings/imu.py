@@ -11,10 +11,10 @@ import numpy as np
 
 from vio_eval_ros.errors import ReadError, UnsupportedMessage
 from vio_eval_ros.recordings.bags import BLOCK_BYTES, Recording
-from vio_eval_ros.recordings.cdr import _Block, Layout
+from vio_eval_ros.recordings.cdr import columns, Layout
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.storage import unreadable
-from vio_eval_ros.recordings.text import _BadRow, _header, _line_of_row, _parse, Rows
+from vio_eval_ros.recordings.text import BadRow, line_of_row, parse, Rows, split_header
 
 IMU = 'sensor_msgs/msg/Imu'
 # orientation, angular velocity and linear acceleration, each before its covariance
@@ -123,15 +123,9 @@ class ImuRecording(Recording):
 
 def _columns(messages: list[bytes], decoder: Any) -> tuple[np.ndarray, np.ndarray]:
     """Return stamps and samples of serialised messages."""
-    ends = np.cumsum([len(message) for message in messages])
-    starts = np.concatenate([[0], ends[:-1]])
-    try:
-        block = _Block(b''.join(messages), starts, decoder._ros1)
-        stamps, numbers, read = block.records(block.begin, LAYOUT)
-        if decoder._is_standard and block.ends_at(ends, read):
-            return stamps, numbers[:, SAMPLE]
-    except (IndexError, ValueError):  # a length points out of the block
-        pass
+    found = columns(LAYOUT, messages, decoder.ros1) if decoder.is_standard else None
+    if found is not None:
+        return found[0], found[1][:, SAMPLE]
     try:
         rows = [_sample(decoder.deserialize(message)) for message in messages]
     except Exception as error:
@@ -165,26 +159,26 @@ def _read_csv(path: Path, sink: Sink, progress: Progress) -> ImuSource:
             if not begin or begin.isspace():
                 raise ReadError(path, 'the file is empty')
             bom = len(begin) - len(begin.removeprefix(BOM))
-            header, start = _header(begin[bom:])
-            columns = _named(path, header)
+            header, start = split_header(begin[bom:])
+            named = _named(path, header)
             file.seek(bom + start)
             blocks = path.stat().st_size // TEXT_BYTES + 1
-            unit, width, line = columns.stamps, 0, header.count(b'\n')
+            unit, width, line = named.stamps, 0, header.count(b'\n')
             for block in progress(_blocks(file), blocks):
                 rows = _rows(path, block, width, line)
                 line += block.count(b'\n')
                 if rows is None:
                     continue
                 width = rows.values.shape[1]
-                if width <= max(columns.samples):
+                if width <= max(named.samples):
                     raise ReadError(path, f'has {width} columns; needed are {", ".join(NAMES)}')
                 unit = unit or _stamp_unit(rows.values[:, 0])
-                sink(rows.nanoseconds(path, unit), rows.values[:, columns.samples])
+                sink(rows.nanoseconds(path, unit), rows.values[:, named.samples])
     except OSError as error:
         raise ReadError(path, error.strerror or str(error)) from None
     if not width:
         raise ReadError(path, 'the file has no rows of numbers')
-    return ImuSource(path, None, columns.units)
+    return ImuSource(path, None, named.units)
 
 
 def _blocks(file: BinaryIO) -> Iterator[bytes]:
@@ -198,9 +192,9 @@ def _rows(path: Path, block: bytes, width: int, line: int) -> Rows | None:
     if not block.endswith(b'\n'):
         block += b'\n'
     try:
-        return _parse(block, width)
-    except _BadRow as bad:
-        at = line + _line_of_row(block, bad.row)
+        return parse(block, width)
+    except BadRow as bad:
+        at = line + line_of_row(block, bad.row)
         raise ReadError(path, f'line {at}: {bad.problem}') from None
 
 

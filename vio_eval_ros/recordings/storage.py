@@ -15,12 +15,15 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cache
 from io import SEEK_END
+from operator import attrgetter
 from pathlib import Path, PurePath
 from typing import Any
 
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, SeekingReader
-from mcap.records import Schema
+from mcap.records import Chunk, Message, Schema
+from mcap.stream_reader import breakup_chunk
 from mcap.summary import Summary
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
@@ -90,7 +93,7 @@ class McapStorage:
         self._stream.seek(-len(_MCAP_MAGIC), SEEK_END)
         if self._stream.read() != _MCAP_MAGIC:
             raise McapError('its end is missing')
-        summary = self._reader.get_summary() or Summary()
+        self._summary = summary = self._reader.get_summary() or Summary()
         schemas, channels = dict(summary.schemas), dict(summary.channels)
         self._is_indexed = bool(summary.chunk_indexes and channels) and all(
             channel.schema_id in (0, *schemas) for channel in channels.values()
@@ -132,10 +135,33 @@ class McapStorage:
 
     def _records(self, topics: set[str] | None = None) -> Iterator[tuple[Any, Any, Any]]:
         if self._is_indexed:
-            return self._reader.iter_messages(topics, log_time_order=False)
+            return self._indexed_records(topics)
         self._stream.seek(0)
         reader = NonSeekingReader(self._stream, validate_crcs=True)
         return reader.iter_messages(topics, log_time_order=False)
+
+    def _indexed_records(self, topics: set[str] | None) -> Iterator[tuple[Any, Any, Any]]:
+        """
+        Yield schema, channel and message of each record, in the order of the file.
+
+        One chunk is in memory at a time; the mcap library's own ``iter_messages`` without an order
+        reads them all before it yields.
+        """
+        schemas, channels = self._summary.schemas, self._summary.channels
+        wanted = {
+            key for key, channel in channels.items() if topics is None or channel.topic in topics
+        }
+        for index in sorted(self._summary.chunk_indexes, key=attrgetter('chunk_start_offset')):
+            # offsets may be left out; then only the chunk itself tells what is in it
+            if index.message_index_offsets and wanted.isdisjoint(index.message_index_offsets):
+                continue
+            self._stream.seek(index.chunk_start_offset + 1 + 8)  # behind opcode and length
+            chunk = Chunk.read(ReadDataStream(self._stream))
+            for record in breakup_chunk(chunk, validate_crc=True):
+                if isinstance(record, Message):
+                    channel = channels[record.channel_id]
+                    if channel.id in wanted:
+                        yield schemas.get(channel.schema_id), channel, record
 
 
 def rosbag2_files(path: Path) -> tuple[tuple[Path, ...], bool]:

@@ -93,7 +93,7 @@ def read_text(path: Path, progress: Progress = silent) -> TextFile:
     data = data.removeprefix(b'\xef\xbb\xbf')  # the byte order mark of Windows
     if b'\r' in data and b'\n' not in data:
         data = data.replace(b'\r', b'\n')
-    header, start = _header(data)
+    header, start = split_header(data)
     if re.match(rb'\s*(-?\d+,\d+[ \t;]+){2}', data[start : start + 1000]):
         raise ReadError(path, 'its numbers have decimal commas; write them with points')
     rows = _rows(path, data, start, progress)
@@ -110,7 +110,7 @@ def read_text(path: Path, progress: Progress = silent) -> TextFile:
     )
 
 
-def _header(data: bytes) -> tuple[bytes, int]:
+def split_header(data: bytes) -> tuple[bytes, int]:
     """Return the comments and column names at the top of a file, and where the rows begin."""
     start = 0
     while start < len(data):
@@ -131,9 +131,9 @@ def _rows(path: Path, data: bytes, start: int, progress: Progress) -> Rows:
     for begin, end in progress(pairwise(cuts), len(cuts) - 1):
         block = data[begin:end]
         try:
-            rows = _parse(block, width)
-        except _BadRow as bad:
-            line = data.count(b'\n', 0, begin) + _line_of_row(block, bad.row)
+            rows = parse(block, width)
+        except BadRow as bad:
+            line = data.count(b'\n', 0, begin) + line_of_row(block, bad.row)
             raise ReadError(path, f'line {line}: {bad.problem}') from None
         if rows is not None:
             parts.append(rows)
@@ -155,7 +155,7 @@ def _joined(parts: list[Rows]) -> Rows:
     return whole
 
 
-class _BadRow(Exception):
+class BadRow(Exception):
     """A row (counted from 0, blanks and comments left out) is no row of numbers."""
 
     def __init__(self, row: int, problem: str) -> None:
@@ -182,7 +182,7 @@ def _tidied(block: bytes) -> tuple[bytes, np.ndarray, np.ndarray]:
     return block, text, np.flatnonzero(text <= ord(' '))
 
 
-def _line_of_row(block: bytes, row: int) -> int:
+def line_of_row(block: bytes, row: int) -> int:
     """Return the line, counted from 1, of a row of a block."""
     lines = [
         line
@@ -192,7 +192,7 @@ def _line_of_row(block: bytes, row: int) -> int:
     return lines[row]
 
 
-def _parse(block: bytes, width: int) -> Rows | None:
+def parse(block: bytes, width: int) -> Rows | None:
     """
     Return the rows of a block of whole lines, or None where there are none.
 
@@ -242,7 +242,7 @@ def _check_width(text: np.ndarray, ends: np.ndarray, width: int) -> int:
     ):
         counts = np.diff(row_ends, prepend=-1)
         row = int(np.flatnonzero(counts != width)[0])
-        raise _BadRow(row, f'{counts[row]} columns, but {width} in the lines before')
+        raise BadRow(row, f'{counts[row]} columns, but {width} in the lines before')
     return width
 
 
@@ -254,7 +254,7 @@ def _points(text: np.ndarray, ends: np.ndarray, width: int) -> np.ndarray:
     owner = np.searchsorted(ends, points)
     twice = np.flatnonzero(np.diff(owner) == 0)
     if len(twice):
-        raise _BadRow(int(owner[twice[0]]) // width, 'a number has two decimal points')
+        raise BadRow(int(owner[twice[0]]) // width, 'a number has two decimal points')
     found = ends.copy()
     found[owner] = points
     return found
@@ -281,15 +281,15 @@ def _numbers(text: bytes, kind: type, count: int) -> np.ndarray | None:
     return numbers if len(numbers) == count else None
 
 
-def _not_a_number(block: bytes) -> _BadRow:
+def _not_a_number(block: bytes) -> BadRow:
     """Return the error for the first word of a block that is no number."""
     for row, line in enumerate(block.splitlines()):
         for word in line.split():
             try:
                 float(word)
             except ValueError:
-                return _BadRow(row, f"'{word[:40].decode(errors='replace')}' is not a number")
-    return _BadRow(0, 'there is something that is not a number')
+                return BadRow(row, f"'{word[:40].decode(errors='replace')}' is not a number")
+    return BadRow(0, 'there is something that is not a number')
 
 
 def _long_stamps(
@@ -306,7 +306,7 @@ def _long_stamps(
     chars[first + length - 1] = ord(' ')
     digits = _numbers(chars.tobytes().replace(b'.', b''), np.int64, len(begin))
     if digits is None:
-        raise _BadRow(0, 'a stamp is not a number')
+        raise BadRow(0, 'a stamp is not a number')
     return digits, (keep - point - 1).clip(0)
 
 
@@ -315,7 +315,7 @@ def _stamps_of_floats(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     whole = np.floor(values)
     largest = np.abs(whole).max()
     if largest >= 2.0**63:
-        raise _BadRow(int(np.abs(whole).argmax()), 'a stamp is too large')
+        raise BadRow(int(np.abs(whole).argmax()), 'a stamp is too large')
     if largest >= 2.0**33:
         return whole.astype(np.int64), np.zeros(len(whole), np.int64)
     rest = np.rint((values - whole) * 1e9)

@@ -1,0 +1,146 @@
+"""What is wrong with a calibration is named, what is right is told in words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+import re
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+
+from vio_eval_ros.core import rotation
+from vio_eval_ros.errors import ConfigError, ReadError
+from vio_eval_ros.inspection.calibration import Calibration, check_calibration, read_chains
+from vio_eval_ros.inspection.inspection import inspect
+
+
+def pose(vector_deg: list[float], position: list[float]) -> np.ndarray:
+    matrix = np.eye(4)
+    turn = rotation.from_rotation_vector(np.radians([vector_deg]))
+    matrix[:3, :3] = rotation.to_matrix(turn)[0]
+    matrix[:3, 3] = position
+    return matrix
+
+
+# as EuRoC's rig: x of the IMU is up, the left camera 11 cm to the left
+LEFT = pose([0, 0, 90], [-0.02, -0.065, 0.01])
+RIGHT = pose([0.4, 0.2, 90], [-0.02, 0.045, 0.008])
+
+
+def written(path: Path, **cameras: dict[str, Any]) -> Path:
+    content = {
+        name: {key: np.asarray(value).tolist() for key, value in camera.items()}
+        for name, camera in cameras.items()
+    }
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def checked(*paths: Path) -> Calibration:
+    return check_calibration(read_chains(paths), inspect([]))
+
+
+def stereo(key: str, left: np.ndarray, right: np.ndarray) -> dict[str, dict[str, Any]]:
+    return {'cam0': {key: left}, 'cam1': {key: right}}
+
+
+@pytest.mark.parametrize(
+    ('cameras', 'names'),
+    [
+        (stereo('T_imu_cam', LEFT, RIGHT), set()),
+        (stereo('T_cam_imu', np.linalg.inv(LEFT), np.linalg.inv(RIGHT)), set()),
+        (stereo('T_cam_imu', LEFT, RIGHT), {'direction'}),
+        (stereo('T_imu_cam', np.linalg.inv(LEFT), np.linalg.inv(RIGHT)), {'direction'}),
+        (stereo('T_imu_cam', RIGHT, LEFT), {'camera_order'}),
+        (stereo('T_imu_cam', LEFT, LEFT), {'baseline'}),
+        ({'cam0': {'T_imu_cam': LEFT @ np.diag([-1, 1, 1, 1])}}, {'not_a_rotation'}),
+        ({'cam0': {'T_imu_cam': LEFT @ np.diag([1.1, 1, 1, 1])}}, {'not_a_rotation'}),
+        ({'cam0': {'T_imu_cam': LEFT.T}}, {'not_a_rotation'}),
+        ({'cam0': {'T_imu_cam': pose([0, 0, 90], [-20, -65, 10])}}, {'lever_arm'}),
+        ({'cam0': {'T_imu_cam': LEFT, 'timeshift_cam_imu': 0.3}}, {'timeshift'}),
+        ({'imu0': {'T_i_b': 2 * np.eye(4)}}, {'not_a_rotation'}),
+        (
+            {'cam0': {'T_imu_cam': LEFT}, 'cam1': {'T_imu_cam': RIGHT, 'T_cn_cnm1': np.eye(4)}},
+            {'chain_mismatch'},
+        ),
+    ],
+)
+def test_wrong_calibrations_are_named(tmp_path, cameras, names):
+    found = checked(written(tmp_path / 'chain.yaml', **cameras)).findings
+    assert {one.name for one in found} == names
+
+
+def test_a_chain_of_cameras_gives_the_same_as_one_from_the_imu(tmp_path):
+    first, second = {'T_cam_imu': np.linalg.inv(LEFT)}, np.linalg.inv(RIGHT) @ LEFT
+    file = written(tmp_path / 'camchain.yaml', cam0=first, cam1={'T_cn_cnm1': second})
+    calibration = checked(file)
+    assert calibration.findings == []
+    np.testing.assert_allclose(calibration.chains[0].cameras['cam1'], RIGHT, atol=1e-12)
+
+
+def test_a_chain_without_an_imu_is_compared_from_camera_to_camera(tmp_path):
+    whole = written(tmp_path / 'whole.yaml', **stereo('T_imu_cam', LEFT, RIGHT))
+    second = {'T_cn_cnm1': np.linalg.inv(RIGHT) @ LEFT}
+    file = written(tmp_path / 'camchain.yaml', cam0={'rostopic': '/a'}, cam1=second)
+    calibration = checked(whole, file)
+    assert calibration.findings == []
+    told = calibration.sentences[str(file)]
+    assert told[0] == 'cam0 is the origin; no IMU is given'
+    assert told[1].endswith('cam1 is at 110.0 0.0 -2.0 mm in the frame of cam0')
+    assert any(f'differs from {whole} by' in sentence for sentence in told)
+
+
+def test_files_that_differ_are_told_by_how_much(tmp_path):
+    one = written(tmp_path / 'one.yaml', cam0={'T_imu_cam': LEFT})
+    moved = pose([0, 0, 91], [-0.02, -0.065, 0.04])
+    other = written(tmp_path / 'other.yaml', cam0={'T_imu_cam': moved})
+    (found,) = checked(one, other).findings
+    assert found.name == 'chain_mismatch'
+    assert 'by 30 mm and 1 deg' in found.message
+
+
+def test_the_files_of_a_folder_are_one_chain(tmp_path):
+    for name, matrix in (('cam0', LEFT), ('cam1', RIGHT), ('imu0', np.eye(4))):
+        kind = 'imu' if name == 'imu0' else 'camera'
+        values = {'cols': 4, 'rows': 4, 'data': matrix.ravel().tolist()}
+        (tmp_path / name).mkdir()
+        text = '%YAML:1.0\n' + yaml.safe_dump({'sensor_type': kind, 'T_BS': values})
+        (tmp_path / name / 'sensor.yaml').write_text(text)
+    whole = checked(tmp_path)
+    files = checked(*sorted(tmp_path.glob('*/sensor.yaml')))
+    assert whole.sentences == files.sentences
+    assert whole.findings == []
+    (told,) = whole.sentences.values()
+    assert 'cam0 is the left camera, cam1 the right' in told
+
+
+def test_a_file_of_noise_alone_is_one_of_kalibrs(tmp_path):
+    file = tmp_path / 'imu.yaml'
+    file.write_text('gyroscope_noise_density: 1.0e-4\nupdate_rate: 200.0\n')
+    assert checked(file).sentences == {str(file): ['there is no camera in it']}
+
+
+@pytest.mark.parametrize(
+    ('text', 'problem'),
+    [
+        ('cam0:\n  T_cam_imu: [1, 2]\n', 'line 2: T_cam_imu: a matrix of 4 rows and 4 columns'),
+        ('cam0:\n  T_cam_imu: {data: x}\n', 'line 2: T_cam_imu: a matrix of 4 rows'),
+        ('cam0:\n  T_cam_imu: [[.nan, 0, 0, 0]]\n', 'line 2: T_cam_imu: a matrix of 4 rows'),
+        ('cam0: {}\ncam1: {}\n', 'line 2: cam1 has none of T_imu_cam'),
+        ('cam0: !!python/object:os.system {}\n', 'is no plain data'),
+        ('a: 1\n', 'there is no T_BS, and no sensor'),
+        ('[1]\n', 'a calibration is expected'),
+    ],
+)
+def test_files_that_are_no_calibration_are_told(tmp_path, text, problem):
+    file = tmp_path / 'chain.yaml'
+    file.write_text(text)
+    with pytest.raises((ConfigError, ReadError), match=re.escape(problem)):
+        checked(file)
+
+
+def test_a_folder_without_calibration_is_told(tmp_path):
+    with pytest.raises(ReadError, match=r'there is no sensor\.yaml in it'):
+        checked(tmp_path)

@@ -1,0 +1,172 @@
+"""Looks for faults in the sensor streams of a recording: rates, gaps, clocks, synchronisation."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator, Sequence
+from functools import partial
+from pathlib import Path
+import re
+
+from vio_eval_ros.cli.shell import complain, FAILED, Parser, PASSED, progress, run, UNABLE
+from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
+from vio_eval_ros.core.config import nearest_name
+from vio_eval_ros.errors import ConfigError, VioEvalError, WriteError
+from vio_eval_ros.inspection.calibration import check_calibration, read_chains
+from vio_eval_ros.inspection.documents import failed, json_document, Report, text_document
+from vio_eval_ros.inspection.expectations import Expectations
+from vio_eval_ros.inspection.findings import CURES, Finding
+from vio_eval_ros.inspection.html import html_document
+from vio_eval_ros.inspection.inspection import inspect
+from vio_eval_ros.recordings.clips import Clips
+from vio_eval_ros.recordings.playback import Playback
+from vio_eval_ros.recordings.sensors import read_sensors
+
+VERB = 'inspect'
+EXAMPLES = """
+examples:
+  inspect V1_02_medium.bag
+  inspect run.mcap --expect config/euroc.yaml --report html:run.html
+  inspect run.mcap --calibration camchain-imucam.yaml
+  inspect run.mcap --fail-on gap,stuck --clip clips
+
+exit status: 0 inspected, 1 an expectation is not met or something named by --fail-on was found,
+2 could not be done
+"""
+REPORTS = {'html': html_document, 'json': json_document, 'text': text_document}
+MOST_CLIPS = 20
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the verb; return its exit status."""
+    arguments = _parser().parse_args(argv)
+    return run(VERB, lambda: _run(arguments))
+
+
+def _parser() -> Parser:
+    parser = Parser(prog=VERB, description=__doc__, epilog=EXAMPLES)
+    parser.add_argument(
+        'recording',
+        type=Path,
+        metavar='RECORDING',
+        help='ROS 1 .bag, rosbag2 folder, .db3, .mcap or EuRoC folder',
+    )
+    parser.add_argument(
+        '--expect',
+        type=Path,
+        metavar='FILE.yaml',
+        help='what the streams should be like, such as config/euroc.yaml',
+    )
+    parser.add_argument(
+        '--calibration',
+        nargs='+',
+        type=Path,
+        default=[],
+        metavar='FILE',
+        help="also check Kalibr's camchain.yaml and imu.yaml, EuRoC's sensor.yaml or its folder",
+    )
+    output = parser.add_argument_group('output')
+    add_reports(output, REPORTS)
+    output.add_argument(
+        '--fail-on',
+        metavar='NAME,...',
+        default='',
+        help='exit with status 1 where one of these is found',
+    )
+    output.add_argument(
+        '--clip',
+        type=Path,
+        metavar='DIR',
+        help=f'cut a small mcap around each of the first {MOST_CLIPS} findings that have a time',
+    )
+    output.add_argument(
+        '--clip-s',
+        type=float,
+        default=1.0,
+        metavar='S',
+        help='how much a clip has before and behind (default: 1)',
+    )
+    return parser
+
+
+def _run(arguments: argparse.Namespace) -> int:
+    failing = [name for name in arguments.fail_on.split(',') if name]
+    for name in failing:
+        if name not in CURES:
+            near = nearest_name(name, CURES) or f'; {", ".join(CURES)}'
+            raise ConfigError(f"--fail-on: there is no finding '{name}'{near}")
+    if not 0 <= arguments.clip_s < float('inf'):
+        raise ConfigError('--clip-s: a number of seconds is expected, not negative')
+    targets = [Target.parse(text, REPORTS) for text in arguments.report]
+    inputs = [arguments.recording, *arguments.calibration]
+    expected = None
+    if arguments.expect is not None:
+        inputs.append(arguments.expect)
+        expected = Expectations.load(arguments.expect)
+    check_targets(targets, inputs)
+    if arguments.clip is not None:
+        _check_clips(arguments.clip, arguments.recording)
+    chains = read_chains(arguments.calibration)
+    sensors = read_sensors(arguments.recording, progress)
+    inspection = inspect(sensors.streams, sensors.left_out)
+    report = Report(
+        str(arguments.recording),
+        inspection,
+        expected.judge(inspection) if expected else (),
+        check_calibration(chains, inspection) if chains else None,
+    )
+    shown = json_document(report) if arguments.json else text_document(report)
+    print(shown, end='', flush=True)
+    done = [written(VERB, target, partial(REPORTS[target.format], report)) for target in targets]
+    if arguments.clip is not None:
+        done.append(_clipped(arguments, report.findings))
+    if not all(done):
+        return UNABLE
+    return FAILED if failed(report, failing) else PASSED
+
+
+def _check_clips(folder: Path, recording: Path) -> None:
+    """Raise ``ConfigError`` where clips cannot be, before a long recording is read."""
+    if not folder.parent.is_dir():
+        raise ConfigError(f'--clip: there is no folder {folder.parent}')
+    if folder.exists() and not folder.is_dir():
+        raise ConfigError(f'--clip: {folder} is no folder')
+    if recording.resolve() in (folder.resolve(), *folder.resolve().parents):
+        raise ConfigError(f'--clip: {folder} is in the recording')
+
+
+def _clipped(arguments: argparse.Namespace, findings: Sequence[Finding]) -> bool:
+    """Return whether the clips could be written; what was found has been printed already."""
+    timed = [finding for finding in findings if finding.moments]
+    try:
+        _make_folder(arguments.clip)
+        for line in _clips(arguments, timed[:MOST_CLIPS]):
+            if not arguments.json:
+                print(line)
+    except VioEvalError as error:
+        complain(VERB, f'--clip: {error}')
+        return False
+    if len(timed) > MOST_CLIPS:
+        complain(VERB, f'--clip: {len(timed) - MOST_CLIPS} more findings have no clip')
+    return True
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise WriteError(folder, error.strerror or str(error)) from None
+
+
+def _clips(arguments: argparse.Namespace, findings: Sequence[Finding]) -> Iterator[str]:
+    """Write a clip around the first time of each finding; yield a line for each."""
+    margin_ns = round(1e9 * arguments.clip_s)
+    with Playback(arguments.recording) as playback:
+        clips = Clips(playback)
+        for k, finding in enumerate(findings, 1):
+            topic = re.sub(r'\W+', '_', finding.topic).strip('_')
+            path = arguments.clip / f'{k:02}_{finding.name}_{topic}.mcap'
+            moment = finding.moments[0]
+            begin_ns, end_ns = moment.logged_begin_ns, moment.logged_end_ns
+            count = clips.cut(begin_ns - margin_ns, end_ns + margin_ns, path)
+            yield f'clip  {path}: {count} messages'

@@ -1,0 +1,231 @@
+"""Writes a run with known truth: a simulated flight, or a real run, with chosen faults."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vio_eval_ros.cli.shell import Parser, PASSED, progress, run
+from vio_eval_ros.core.config import nearest_name
+from vio_eval_ros.core.trajectory import clean, Cleaning, Trajectory
+from vio_eval_ros.errors import ConfigError, ReadError
+from vio_eval_ros.imu.documents import KALIBR, PARAMETERS
+from vio_eval_ros.imu.simulate import EUROC, ImuNoise, Noise
+from vio_eval_ros.recordings.sources import read_sources
+from vio_eval_ros.reports.text import printable
+from vio_eval_ros.settings import finite, parse_yaml
+from vio_eval_ros.simulation import at_rest, Drift, FAULTS, simulate, SimulatedRun
+from vio_eval_ros.simulation.faults import inject, parse_fault, usage
+from vio_eval_ros.simulation.recording import check_out, kind_of, KINDS, write_recording
+
+VERB = 'simulate'
+SEED = 7
+DURATION_S = 60.0
+NOISE_FLAGS = {
+    key: '--' + key.replace('scope', '').replace('erometer', '').replace('_', '-')
+    for key in KALIBR
+}
+EXAMPLES = """
+examples:
+  simulate run.mcap --fault time_offset=0.05 --fault scale=1.1
+  simulate harmed --format tum --from est.txt --ground-truth gt.txt --fault outliers=0.01,2
+  simulate rest.bag --still --duration-s 10800
+
+exit status: 0 done, 2 could not be done
+"""
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the verb; return its exit status."""
+    arguments = _parser().parse_args(argv)
+    return run(VERB, lambda: _simulate(arguments))
+
+
+def _parser() -> Parser:
+    parser = Parser(prog=VERB, description=__doc__, epilog=_faults() + EXAMPLES)
+    parser.add_argument('out', type=Path, metavar='OUT', help='what to write; nothing is replaced')
+    parser.add_argument(
+        '--format',
+        choices=KINDS,
+        help='ros1 is a bag, mcap a file, rosbag2 (with mcap in it) and sqlite3 are folders of '
+        'rosbag2, tum and euroc folders of files (default: by the name of OUT, ros1 where it '
+        'ends in .bag, mcap in .mcap, otherwise rosbag2)',
+    )
+    parser.add_argument(
+        '--fault',
+        action='append',
+        default=[],
+        metavar='NAME=SIZE',
+        help='one of those below; may be repeated, and they are put in one after the other',
+    )
+    parser.add_argument(
+        '--seed',
+        type=int,
+        default=SEED,
+        help='another number is another flight, drift and noise; the same is the same to the '
+        f'last byte (default: {SEED})',
+    )
+    flight = parser.add_argument_group('a simulated flight')
+    flight.add_argument(
+        '--duration-s', metavar='S', help=f'how long it lasts (default: {DURATION_S:g})'
+    )
+    flight.add_argument(
+        '--drift',
+        action='append',
+        default=[],
+        metavar='NAME=VALUE',
+        help='how wrong the estimate is: '
+        + ', '.join(f'{field.name} ({field.default:g})' for field in fields(Drift))
+        + ', or none; may be repeated',
+    )
+    flight.add_argument(
+        '--still', action='store_true', help='only an IMU that lies still, as imu_noise wants it'
+    )
+    flight.add_argument(
+        '--imu-noise',
+        type=Path,
+        metavar='FILE',
+        help="noise of the IMU: Kalibr's imu.yaml or EuRoC's sensor.yaml; the flags below "
+        "override it (default: EuRoC's ADIS16448)",
+    )
+    for key, (kind, attribute) in KALIBR.items():
+        default = getattr(getattr(EUROC, kind), attribute)
+        unit = PARAMETERS[attribute][1][kind]
+        flight.add_argument(
+            NOISE_FLAGS[key], dest=key, metavar='X', help=f'in {unit} (default: {default:g})'
+        )
+    real = parser.add_argument_group('a real run')
+    real.add_argument(
+        '--from', dest='source', metavar='SPEC', help='an estimate, in any form that replay reads'
+    )
+    real.add_argument('--ground-truth', metavar='SPEC', help='its ground truth, to be written too')
+    return parser
+
+
+def _faults() -> str:
+    rows = [f'  {usage(name):<24}{fault.does}' for name, fault in FAULTS.items()]
+    return '\n'.join(['faults, by the names that diagnose gives them:', *rows, ''])
+
+
+def _simulate(arguments: argparse.Namespace) -> int:
+    kind = kind_of(arguments.out, arguments.format)
+    check_out(arguments.out)
+    faults = [parse_fault(text) for text in arguments.fault]
+    if arguments.seed < 0:
+        raise ConfigError('--seed: a number from 0 on is expected')
+    notes: list[str] = []
+    made = _real_run(arguments, notes) if arguments.source else _simulated_run(arguments)
+    source = np.random.default_rng(arguments.seed)
+    for name, sizes in faults:
+        made = inject(made, name, sizes, source)
+    write_recording(made, arguments.out, kind)
+    lines = [*notes, *_text(made, arguments.out, kind, arguments.fault)]
+    print('\n'.join(map(printable, lines)))
+    return PASSED
+
+
+def _simulated_run(arguments: argparse.Namespace) -> SimulatedRun:
+    if arguments.ground_truth is not None:
+        raise ConfigError('--ground-truth goes with --from; a simulated flight has its own')
+    duration_s = finite(DURATION_S if arguments.duration_s is None else arguments.duration_s)
+    if not duration_s > 0:
+        raise ConfigError('--duration-s: a number of seconds is expected')
+    noise = _noise(arguments)
+    if not arguments.still:
+        return simulate(duration_s, arguments.seed, _drift(arguments.drift), noise)
+    if arguments.drift:
+        raise ConfigError('--drift does not go with --still: there is no estimate')
+    return at_rest(duration_s, arguments.seed, noise)
+
+
+def _real_run(arguments: argparse.Namespace, notes: list[str]) -> SimulatedRun:
+    """Return a run as it was recorded; what was left out or taken for granted is noted."""
+    of_flights = {
+        name: f'--{name.replace("_", "-")}'
+        for name in ('duration_s', 'drift', 'still', 'imu_noise')
+    } | NOISE_FLAGS
+    for name, flag in of_flights.items():
+        if getattr(arguments, name) not in (None, False, []):
+            raise ConfigError(f'{flag} does not go with --from')
+    specs = [spec for spec in (arguments.source, arguments.ground_truth) if spec]
+    poses = []
+    for source in read_sources(specs, progress=progress):
+        counts = Cleaning()
+        poses.append(clean(source.poses, counts, zero_stamps=source.zero_stamps))
+        notes += [f'{source.spec}: {warning}' for warning in source.warnings]
+        notes += [
+            f'{source.spec}: {count} poses left out: {reason.replace("_", " ")}'
+            for reason, count in counts.dropped.items()
+            if count
+        ]
+    return SimulatedRun(poses[1] if len(poses) > 1 else Trajectory.empty(), poses[0])
+
+
+def _drift(texts: Sequence[str]) -> Drift:
+    """Return the drift of an estimate with what was given on the command line."""
+    drift = Drift()
+    names = [field.name for field in fields(Drift)]
+    for text in texts:
+        if text == 'none':
+            drift = Drift(**dict.fromkeys(names, 0.0) | {'scale': 1.0})
+            continue
+        name, _, given = text.partition('=')
+        if name not in names:
+            near = nearest_name(name, names) or f'; there are {", ".join(names)}'
+            raise ConfigError(f"--drift: there is no '{name}'{near}")
+        value = finite(given)
+        if not (value >= 0 or (name == 'scale_drift' and value < 0)):
+            what = 'a number' if name == 'scale_drift' else 'a number from 0 on'
+            raise ConfigError(f'--drift {text}: {what} is expected')
+        drift = replace(drift, **{name: value})
+    return drift
+
+
+def _noise(arguments: argparse.Namespace) -> ImuNoise:
+    """Return the noise of the IMU: of the flags, else of the file, else EuRoC's."""
+    stated = {key: getattr(arguments, key) for key in KALIBR}
+    values = {key: getattr(getattr(EUROC, kind), name) for key, (kind, name) in KALIBR.items()}
+    if arguments.imu_noise is not None:
+        values = _noise_file(arguments.imu_noise)
+    values |= {key: value for key, value in stated.items() if value is not None}
+    numbers: dict[str, dict[str, float]] = {'gyro': {}, 'accel': {}}
+    for key, (kind, name) in KALIBR.items():
+        numbers[kind][name] = finite(values[key])
+        if not numbers[kind][name] >= 0:
+            raise ConfigError(f'{NOISE_FLAGS[key]}: a number from 0 on is expected')
+    return ImuNoise(**{kind: Noise(**of_kind) for kind, of_kind in numbers.items()})
+
+
+def _noise_file(path: Path) -> dict[str, Any]:
+    """Return what a calibration file says of each key of Kalibr's."""
+    try:
+        text = path.read_text(errors='replace')
+    except OSError as error:
+        raise ReadError(path, error.strerror or str(error)) from None
+    # OpenCV's first line is not YAML's
+    content = parse_yaml(text.removeprefix('%YAML:1.0'), path, lambda line: f'line {line}')
+    content = content if isinstance(content, dict) else {}
+    # a chain has the keys of each IMU under its name
+    for part in (content, *(part for part in content.values() if isinstance(part, dict))):
+        if KALIBR.keys() <= part.keys():
+            return {key: part[key] for key in KALIBR}
+    raise ConfigError(f'{path}: there are no {", ".join(KALIBR)} in it')
+
+
+def _text(made: SimulatedRun, out: Path, kind: str, faults: Sequence[str]) -> list[str]:
+    """Return what was written, and how to go on."""
+    counts = {
+        'ground truth': len(made.ground_truth),
+        'estimates': len(made.estimate),
+        'IMU samples': 0 if made.imu is None else len(made.imu.stamps_ns),
+    }
+    held = ', '.join(f'{count:,} {name}' for name, count in counts.items() if count)
+    return [
+        f'{out} ({kind}): {held}',
+        f'faults: {", ".join(faults) or "none"}',
+    ]

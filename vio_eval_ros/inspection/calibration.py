@@ -1,0 +1,387 @@
+"""Whether the calibration of a rig is one: rotations, directions, lever arms, baselines, order."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from vio_eval_ros.errors import ConfigError, ReadError
+from vio_eval_ros.inspection.findings import Finding
+from vio_eval_ros.inspection.inertial import upwards
+from vio_eval_ros.inspection.inspection import Inspection
+from vio_eval_ros.settings import finite, parse_yaml, Section
+
+#: What the names of transformations mean: whether the first or the second frame is the sensor's.
+#: T_A_B maps coordinates in B into coordinates in A.
+FROM_CAMERA = ('T_imu_cam', 'T_BS', 'T_i_c', 'T_body_cam')
+TO_CAMERA = ('T_cam_imu', 'T_c_i', 'T_cam_body')
+# Kalibr's imu.yaml has the noise of an IMU, and no transformation
+NOISE = 'gyroscope_noise_density'
+# OpenCV's own files begin so, which is no YAML
+OPENCV = '%YAML:'
+DIGITS = 1e-3
+LONGEST_ARM_M, BASELINE_M = 2.0, (0.005, 2.0)
+SIDEWAYS = 0.7
+MISMATCH_M, MISMATCH_DEG = 0.005, 0.5
+LARGEST_SHIFT_S = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """
+    The cameras of one file or folder, in the order of their names.
+
+    :param cameras: by name, (4, 4) what maps coordinates in the camera into those of the IMU.
+    :param said: by name, the key under which the file has it.
+    :param between: by name, (4, 4) what maps the camera before it into it, where it is given.
+    :param shifts: by name, seconds to be added to the stamps of the camera.
+    :param others: by name, (4, 4) what maps coordinates in another sensor into those of the body.
+    """
+
+    source: str
+    cameras: dict[str, np.ndarray] = field(default_factory=dict)
+    said: dict[str, str] = field(default_factory=dict)
+    between: dict[str, np.ndarray] = field(default_factory=dict)
+    shifts: dict[str, float] = field(default_factory=dict)
+    others: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def has_imu(self) -> bool:
+        """Whether the cameras are given in an IMU; otherwise the first of them is the origin."""
+        return '' not in self.said.values()
+
+
+@dataclass(frozen=True, eq=False)
+class Calibration:
+    """
+    What calibration files say, and what is wrong with it.
+
+    :param sentences: what is so, to be read by a person, by what it is so of: a file, or all.
+    """
+
+    chains: list[Chain]
+    sentences: dict[str, list[str]]
+    findings: list[Finding]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return what was read, for JSON; matrices are row by row."""
+        return {
+            'chains': [
+                {
+                    'source': chain.source,
+                    'cameras': {
+                        name: {
+                            'given_as': chain.said[name],
+                            'T_imu_cam': matrix.tolist(),
+                            'timeshift_s': chain.shifts.get(name),
+                        }
+                        for name, matrix in chain.cameras.items()
+                    },
+                }
+                for chain in self.chains
+            ],
+            'sentences': self.sentences,
+        }
+
+
+def read_chains(paths: Sequence[Path]) -> list[Chain]:
+    """
+    Return a chain for each file of Kalibr's, and for each folder of EuRoC's.
+
+    :param paths: Kalibr's camchain, camchain-imucam or imu files, EuRoC's ``sensor.yaml`` files,
+        or folders of those.
+    :raises ReadError: what is not there, or not YAML.
+    :raises ConfigError: what has no transformation, or one that is no 4 x 4 matrix.
+    """
+    chains: dict[str, Chain] = {}
+    for path in paths:
+        files = sorted(path.glob('**/sensor.yaml')) if path.is_dir() else [path]
+        if not files:
+            raise ReadError(path, 'there is no sensor.yaml in it')
+        for file in files:
+            content = _load(file)
+            is_euroc = 'T_BS' in content
+            source = str(file.parent.parent if is_euroc else file)
+            sensors = {file.parent.name: content} if is_euroc else _sensors(content)
+            chain = chains.setdefault(source, Chain(source))
+            if not sensors and NOISE not in content:
+                raise ConfigError(
+                    f'{file}: there is no T_BS, and no sensor with a transformation in it'
+                )
+            for name, sensor in sensors.items():
+                _take(chain, name, sensor)
+    return list(chains.values())
+
+
+def check_calibration(chains: Sequence[Chain], inspection: Inspection) -> Calibration:
+    """
+    Return what calibration files say, whether it can be so, and whether they agree.
+
+    :param inspection: of the recording; where its IMU stood still, up is told in each camera.
+    """
+    findings: list[Finding] = []
+    sentences: dict[str, list[str]] = {}
+    for chain in chains:
+        for name, matrix in (*chain.others.items(), *chain.cameras.items()):
+            findings += _rigid(f'{chain.source}:{name}', matrix)
+        told = [_direction(chain, name) for name in chain.cameras]
+        for first, second in pairwise(chain.cameras):
+            told += _stereo(chain, first, second, findings)
+        told += [*_shifts(chain, findings), *_up(chain, inspection)]
+        sentences[chain.source] = told or ['there is no camera in it']
+    with_cameras = [chain for chain in chains if chain.cameras]
+    for chain in with_cameras[1:]:
+        sentences[chain.source] += _agreement(with_cameras[0], chain, findings)
+    return Calibration(list(chains), sentences, findings)
+
+
+def _load(path: Path) -> Section:
+    try:
+        text = path.read_text(encoding='utf-8')
+    except OSError as error:
+        raise ReadError(path, error.strerror or str(error)) from None
+    except ValueError as error:
+        raise ReadError(path, f'not valid YAML: {error}') from None
+    if text.startswith(OPENCV):
+        text = '\n' + text.partition('\n')[2]
+    content = parse_yaml(text, path, lambda line: f'line {line}')
+    if not isinstance(content, Section):
+        raise ConfigError(f'{path}: a calibration is expected, a mapping of names to values')
+    return content
+
+
+def _sensors(content: Section) -> dict[str, Section]:
+    """Return the sensors in a file of Kalibr's, each of which has a section of its own."""
+    return {
+        name: value
+        for name, value in content.items()
+        if isinstance(value, Section) and name.startswith(('cam', 'imu'))
+    }
+
+
+def _take(chain: Chain, name: str, sensor: Section) -> None:
+    """Add a sensor to the chain of its file."""
+    keys = [key for key in (*FROM_CAMERA, *TO_CAMERA) if key in sensor]
+    is_camera = sensor.get('sensor_type', name[:3]) in ('camera', 'cam')
+    if not is_camera:
+        for key in ('T_BS', 'T_i_b'):
+            if key in sensor:
+                chain.others[name] = _matrix(sensor, key)
+        return
+    before = next(reversed(chain.cameras), None)
+    if 'T_cn_cnm1' in sensor and before is not None:
+        chain.between[name] = _matrix(sensor, 'T_cn_cnm1')
+    if keys:
+        matrix = _matrix(sensor, keys[0])
+        chain.cameras[name] = matrix if keys[0] in FROM_CAMERA else _inverse(matrix)
+        chain.said[name] = keys[0]
+    elif before is not None and name in chain.between:
+        # cn from cn-1, so the IMU from cn by way of cn-1
+        chain.cameras[name] = chain.cameras[before] @ _inverse(chain.between[name])
+        chain.said[name] = 'T_cn_cnm1'
+    elif before is None:
+        # the first camera of a chain without an IMU: all is relative to it
+        chain.cameras[name] = np.eye(4)
+        chain.said[name] = ''
+    else:
+        raise sensor.error(
+            name, f'{name} has none of {", ".join((*FROM_CAMERA, *TO_CAMERA, "T_cn_cnm1"))}'
+        )
+    shift = finite(sensor.get('timeshift_cam_imu'))
+    if math.isfinite(shift):
+        chain.shifts[name] = shift
+
+
+def _matrix(sensor: Section, key: str) -> np.ndarray:
+    """Return a (4, 4) matrix, of rows as Kalibr has it or of columns, rows and data as EuRoC."""
+    value = sensor[key]
+    if isinstance(value, Mapping):
+        value = value.get('data')
+    try:
+        matrix = np.array(value, np.float64)
+        if matrix.size == 16 and np.isfinite(matrix).all():
+            return matrix.reshape(4, 4)
+    except (TypeError, ValueError):
+        pass
+    raise sensor.error(key, f'{key}: a matrix of 4 rows and 4 columns is expected')
+
+
+def _inverse(matrix: np.ndarray) -> np.ndarray:
+    """Return the inverse of a rigid transformation; of what is none, as if it were one."""
+    inverse = np.eye(4)
+    inverse[:3, :3] = matrix[:3, :3].T
+    inverse[:3, 3] = -matrix[:3, :3].T @ matrix[:3, 3]
+    return inverse
+
+
+def _rigid(where: str, matrix: np.ndarray) -> Iterator[Finding]:
+    """Yield what is wrong with a transformation by itself."""
+    rotation = matrix[:3, :3]
+    off = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+    determinant = float(np.linalg.det(rotation))
+    if off > DIGITS or determinant < 0 or np.abs(matrix[3] - [0, 0, 0, 1]).max() > DIGITS:
+        yield Finding(
+            'not_a_rotation', where, 'fail',
+            f'its rotation is off orthonormal by {off:.2g} and has determinant {determinant:.4g}; '
+            f'its last row is {matrix[3].tolist()}',
+            value=off,
+        )  # fmt: skip
+    arm = float(np.linalg.norm(matrix[:3, 3]))
+    if arm > LONGEST_ARM_M:
+        yield Finding(
+            'lever_arm', where, 'warn',
+            f'its lever arm is {arm:.4g} m long'
+            + (': millimetres?' if arm > 10 * LONGEST_ARM_M else ''),
+            value=arm, unit='m',
+        )  # fmt: skip
+
+
+def _direction(chain: Chain, name: str) -> str:
+    """Return in words which way the transformation of a camera maps."""
+    said, arm = chain.said[name], chain.cameras[name][:3, 3]
+    if not said:
+        return f'{name} is the origin; no IMU is given'
+    if said == 'T_cn_cnm1':
+        words = f'{said} maps the camera before it into {name}'
+    elif said in FROM_CAMERA:
+        words = f'{said} maps {name} into the {"body" if said == "T_BS" else "IMU"}'
+    else:
+        words = f'{said} maps the IMU into {name}'
+    at = ' '.join(f'{1e3 * x:.1f}' for x in arm)
+    frame = 'the IMU' if chain.has_imu else next(iter(chain.cameras))
+    return f'{words}; {name} is at {at} mm in the frame of {frame}'
+
+
+def _stereo(chain: Chain, first: str, second: str, findings: list[Finding]) -> Iterator[str]:
+    """Yield how two cameras stand to each other."""
+    a, b = chain.cameras[first], chain.cameras[second]
+    relative = _inverse(a) @ b
+    place = relative[:3, 3]
+    baseline = float(np.linalg.norm(place))
+    where = f'{chain.source}:{second}'
+    if not BASELINE_M[0] <= baseline <= BASELINE_M[1]:
+        findings.append(
+            Finding(
+                'baseline',
+                where,
+                'warn',
+                f'its baseline to {first} is {baseline:.4g} m',
+                value=baseline,
+                unit='m',
+            )
+        )
+    side = f'{angle_deg(relative[:3, :3]):.2f} deg turned'
+    axis = int(np.argmax(np.abs(place)))
+    along = '+-'[int(place[axis] < 0)] + 'xyz'[axis]
+    yield (f'{second} is {1e3 * baseline:.2f} mm from {first}, along {along} of {first}, {side}')
+    # as if both were given the other way round
+    inverse = (a @ _inverse(b))[:3, 3]
+    is_sideways = abs(place[0]) >= SIDEWAYS * baseline
+    faces_alike = relative[2, 2] > SIDEWAYS
+    if not is_sideways and abs(inverse[0]) >= SIDEWAYS * np.linalg.norm(inverse):
+        findings.append(
+            Finding(
+                'direction',
+                where,
+                'warn',
+                f'{second} is not beside {first}, but would be if {chain.said[second]} were the '
+                'inverse of what its name says',
+            )
+        )
+    elif is_sideways and faces_alike and place[0] < 0:
+        findings.append(
+            Finding(
+                'camera_order',
+                where,
+                'warn',
+                f'{first} is the right camera, {second} the left',
+                value=float(place[0]),
+                unit='m',
+            )
+        )
+    elif is_sideways and faces_alike:
+        yield f'{first} is the left camera, {second} the right'
+    if second in chain.between and chain.said[second] != 'T_cn_cnm1':
+        apart = _apart(_inverse(chain.between[second]), relative)
+        if apart[0] > MISMATCH_M or apart[1] > MISMATCH_DEG:
+            findings.append(
+                Finding(
+                    'chain_mismatch',
+                    where,
+                    'warn',
+                    f'T_cn_cnm1 and {chain.said[second]} disagree by {1e3 * apart[0]:.3g} mm and '
+                    f'{apart[1]:.3g} deg',
+                    value=apart[0],
+                    unit='m',
+                )
+            )
+
+
+def _shifts(chain: Chain, findings: list[Finding]) -> Iterator[str]:
+    for name, shift in chain.shifts.items():
+        yield (f"{1e3 * shift:+.3f} ms added to the stamps of {name} make them the IMU's")
+        if abs(shift) > LARGEST_SHIFT_S:
+            findings.append(
+                Finding(
+                    'timeshift',
+                    f'{chain.source}:{name}',
+                    'warn',
+                    f'{shift:.3g} s between camera and IMU',
+                    value=shift,
+                    unit='s',
+                )
+            )
+
+
+def _agreement(first: Chain, chain: Chain, findings: list[Finding]) -> Iterator[str]:
+    """Yield by how much the cameras of a file differ from those of the first one."""
+    ours, theirs = chain.cameras, first.cameras
+    if not (chain.has_imu and first.has_imu):
+        ours, theirs = _relative(ours), _relative(theirs)
+    for name in [name for name in ours if name in theirs]:
+        metres, degrees = _apart(theirs[name], ours[name])
+        differs = f'differs from {first.source} by {1e3 * metres:.3g} mm and {degrees:.3g} deg'
+        yield f'{name} {differs}'
+        if metres > MISMATCH_M or degrees > MISMATCH_DEG:
+            where = f'{chain.source}:{name}'
+            findings.append(
+                Finding('chain_mismatch', where, 'warn', differs, value=metres, unit='m')
+            )
+
+
+def _relative(cameras: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the cameras in the frame of the first of them."""
+    origin = _inverse(next(iter(cameras.values())))
+    return {name: origin @ matrix for name, matrix in cameras.items()}
+
+
+def _apart(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
+    """Return by how many metres and degrees two transformations differ."""
+    difference = _inverse(a) @ b
+    return float(np.linalg.norm(difference[:3, 3])), angle_deg(difference[:3, :3])
+
+
+def angle_deg(rotation: np.ndarray) -> float:
+    """Return the angle of a (3, 3) rotation, accurate near 0 and near 180 degrees."""
+    skew = rotation - rotation.T
+    sine = math.sqrt(skew[2, 1] ** 2 + skew[0, 2] ** 2 + skew[1, 0] ** 2) / 2
+    return math.degrees(math.atan2(sine, (float(np.trace(rotation)) - 1) / 2))
+
+
+def _up(chain: Chain, inspection: Inspection) -> Iterator[str]:
+    """Yield which axis of each camera points up, if it is fixed to an IMU that stood still."""
+    felt = next((e.inertial for e in inspection.streams if e.inertial and e.inertial.up), None)
+    if felt is None or not chain.has_imu:
+        return
+    for name, matrix in chain.cameras.items():
+        axis, off = upwards(matrix[:3, :3].T @ np.array(felt.force_m_s2))
+        yield (
+            f'{axis} of {name} points up while {felt.up} of the IMU does ({off:.1f} deg off; '
+            '-y of a camera that stands upright)'
+        )

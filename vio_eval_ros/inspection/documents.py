@@ -1,0 +1,208 @@
+"""An inspection as the text that a person reads, and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+import json
+import math
+from typing import Any
+
+import numpy as np
+
+from vio_eval_ros import __version__
+from vio_eval_ros.inspection.calibration import Calibration
+from vio_eval_ros.inspection.expectations import Verdict
+from vio_eval_ros.inspection.findings import ALWAYS_INFO, Finding, LEVELS, worst_first
+from vio_eval_ros.inspection.inspection import Examined, Inspection
+from vio_eval_ros.reports.text import number, printable
+
+SCHEMA = 'vio_eval_ros.inspection/1'
+# what stands out is in capitals
+WORDS = {'pass': 'pass', 'info': 'info', 'warn': 'warn', 'fail': 'FAIL'}
+COLUMNS = (
+    '', 'topic', 'type', 'messages', 'rate [Hz]', 'jitter [ms]', 'missing', 'longest [s]',
+    'latency [ms]', 'drift [ppm]',
+)  # fmt: skip
+LONGEST_LATENCY_S = 1e4
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """
+    All that is told of a recording.
+
+    :param source: what was inspected.
+    :param verdicts: of what was expected; none where nothing was.
+    """
+
+    source: str
+    inspection: Inspection
+    verdicts: Sequence[Verdict] = ()
+    calibration: Calibration | None = None
+
+    @property
+    def findings(self) -> list[Finding]:
+        """Those of the streams and of the calibration, worst first."""
+        of_calibration = self.calibration.findings if self.calibration else []
+        return worst_first([*self.inspection.findings, *of_calibration])
+
+    def word(self, topic: str) -> str:
+        """Return the worst that was found in a topic: fail, warn or pass."""
+        of_topic = [one.level for one in self.findings if topic in one.topic.split(', ')]
+        of_topic += [verdict.word for verdict in self.verdicts if verdict.topic == topic]
+        return next((word for word in ('fail', 'warn') if word in of_topic), 'pass')
+
+    def streams(self) -> list[Examined]:
+        """Return the streams, the worst first."""
+        order = ('fail', 'warn', 'pass')
+        return sorted(
+            self.inspection.streams, key=lambda one: order.index(self.word(one.stream.topic))
+        )
+
+
+def text_document(report: Report) -> str:
+    """Return the table of streams, what was found, what was expected, and the calibration."""
+    from tabulate import tabulate
+
+    rows = [row(report, one) for one in report.streams()]
+    right = ('left', 'left', 'left', *['right'] * (len(COLUMNS) - 3))
+    lines = tabulate(rows, COLUMNS, 'simple', disable_numparse=True, colalign=right).splitlines()
+    facts = list(_facts(report.inspection))
+    lines += ['', *facts] if facts else []
+    if report.verdicts:
+        lines.append('')
+        lines += [
+            f'{WORDS[one.word]}  {one.stream} {one.check}: {one.message}'
+            for one in report.verdicts
+        ]
+    for finding in report.findings:
+        lines += ['', *_paragraph(report, finding)]
+    if not any(finding.level != 'info' for finding in report.findings):
+        lines += ['', 'nothing is wrong with the streams']
+    if report.calibration is not None:
+        for source, sentences in report.calibration.sentences.items():
+            lines += ['', f'{source}:', *(f'  {sentence}' for sentence in sentences)]
+    return '\n'.join(map(printable, lines)) + '\n'
+
+
+def row(report: Report, one: Examined) -> list[str]:
+    """Return the cells of a stream, as COLUMNS has them."""
+    figures, compared = one.timing, one.clocks
+    latency = drift = '-'
+    if compared is not None:
+        if abs(compared.latency_median_s) < LONGEST_LATENCY_S:
+            latency = f'{1e3 * compared.latency_median_s:.3g} / {1e3 * compared.latency_p99_s:.3g}'
+        if math.isfinite(compared.drift_ppm):
+            ppm = round(compared.drift_ppm, 1) + 0.0  # -0.0 is 0.0
+            drift = f'{ppm:.1f} ± {1.96 * compared.drift_uncertainty_ppm:.1f}'
+    return [
+        WORDS[report.word(one.stream.topic)],
+        one.stream.topic,
+        one.stream.msgtype.rpartition('/')[2],
+        f'{figures.count:,}',
+        number(figures.rate_hz),
+        number(1e3 * figures.jitter_p99_s),
+        str(figures.missing),
+        number(figures.longest_s),
+        latency,
+        drift,
+    ]
+
+
+def _facts(inspection: Inspection) -> Iterator[str]:
+    """Yield what is known of several streams together, and of what each IMU felt."""
+    if inspection.common_ns is not None:
+        begin_ns, end_ns = inspection.common_ns
+        yield f'all sensors together   {(end_ns - begin_ns) / 1e9:.2f} s'
+    if math.isfinite(inspection.imu_to_camera):
+        yield f'IMU samples a frame    {inspection.imu_to_camera:.4g}'
+    for pair in inspection.pairs:
+        yield (
+            f'camera pair            {pair.first}, {pair.second}: skew '
+            f'{1e3 * pair.skew_s:.3g} ± {1e3 * pair.skew_jitter_s:.2g} ms, '
+            f'{pair.unsynchronised} of {pair.frames} frames without a partner'
+        )
+    for one in inspection.streams:
+        felt = one.inertial
+        if felt is not None:
+            turns = ' '.join(f'{rate:.2g}' for rate in felt.rotation_rms_rad_s)
+            rest = (
+                f'; at rest for {felt.still_s:.3g} s ({felt.still_at_begin_s:.3g} s at the '
+                f'beginning), where it feels {felt.gravity_m_s2:.3f} m/s2 along {felt.up}'
+                if felt.up
+                else '; never at rest'
+            )
+            yield (
+                f'motion                 {one.stream.topic}: turns {turns} rad/s (rms, principal '
+                f'axes), accelerates {felt.acceleration_m_s2:.2g} m/s2{rest}'
+            )
+
+
+def _paragraph(report: Report, finding: Finding) -> Iterator[str]:
+    """Yield a finding, when it was, and what to do about it."""
+    where = f' {finding.topic}' if finding.topic else ''
+    yield f'{WORDS[finding.level]}  {finding.name}{where}: {finding.message}'
+    if finding.moments and finding.level != 'info':
+        begin_ns = report.inspection.begin_ns
+        times = [(moment.logged_begin_ns - begin_ns) / 1e9 for moment in finding.moments[:5]]
+        shown = [f'{seconds:.2f}' for seconds in times]
+        more = ', ...' if len(finding.moments) > 5 else ''
+        yield f'      at {", ".join(shown)}{more} s'
+    if finding.level != 'info':
+        yield f'      {finding.advice}'
+
+
+def json_document(report: Report) -> str:
+    """Return all of it in schema ``vio_eval_ros.inspection/1``."""
+    inspection = report.inspection
+    counts = {level: sum(one.level == level for one in report.findings) for level in LEVELS}
+    document = {
+        'schema': SCHEMA,
+        'tool': {'name': 'vio_eval_ros', 'version': __version__},
+        'recording': report.source,
+        'streams': [_stream(report, one) for one in report.streams()],
+        'pairs': [vars(pair) for pair in inspection.pairs],
+        'common_span_ns': inspection.common_ns,
+        'imu_to_camera_rate': inspection.imu_to_camera,
+        'counts': counts,
+        'findings': [finding.to_dict() for finding in report.findings],
+        'expectations': [verdict.to_dict() for verdict in report.verdicts],
+        'calibration': report.calibration and report.calibration.to_dict(),
+    }
+    return json.dumps(_finite(document), indent=2, allow_nan=False) + '\n'
+
+
+def _stream(report: Report, one: Examined) -> dict[str, Any]:
+    figures = {
+        key: value for key, value in vars(one.timing).items() if not isinstance(value, np.ndarray)
+    }
+    return {
+        'topic': one.stream.topic,
+        'type': one.stream.msgtype,
+        'worst': report.word(one.stream.topic),
+        'frame_ids': dict(one.stream.frames),
+        'timing': {**figures, 'duration_s': one.timing.duration_s},
+        'clocks': one.clocks and vars(one.clocks),
+        'inertial': one.inertial and vars(one.inertial),
+        'motion': one.motion and vars(one.motion),
+    }
+
+
+def _finite(value: Any) -> Any:
+    """Return a document with null for what is not a number."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def failed(report: Report, names: Iterable[str]) -> bool:
+    """Return whether an expectation is not met, or one of the names was found to be wrong."""
+    found = {
+        finding.name
+        for finding in report.findings
+        if finding.level != 'info' or finding.name in ALWAYS_INFO
+    }
+    return any(verdict.word == 'fail' for verdict in report.verdicts) or bool(found & set(names))

@@ -1,0 +1,338 @@
+"""An inspection to look at: one HTML file with the timeline of all streams and their periods."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from itertools import pairwise
+import math
+from typing import Any
+
+import numpy as np
+
+from vio_eval_ros.inspection.documents import COLUMNS, Report, row
+from vio_eval_ros.inspection.findings import Finding
+from vio_eval_ros.inspection.inspection import Examined
+from vio_eval_ros.reports.html import badge, swatch
+from vio_eval_ros.reports.page import Html, joined, page, plot, table, tag
+from vio_eval_ros.reports.plots import AMBER, axis, BLUE, Figure, GREY, layout, numbers, RED
+from vio_eval_ros.reports.text import number, printable
+
+MOST_POINTS = 2000
+MOST_MARKS = 300
+# longer periods are drawn at the top
+TOP_PERIODS = 4.0
+MOST_LETTERS = 26
+PIXELS_A_LETTER = 7
+COLOURS = {'fail': RED, 'warn': AMBER, 'info': GREY}
+VERDICT = {'fail': 'fail', 'warn': 'warning', 'pass': 'pass', 'info': 'info'}
+
+
+def html_document(report: Report) -> str:
+    """Return the page: verdict, timeline, findings, expectations, periods, figures."""
+    words = [finding.level for finding in report.findings]
+    words += [verdict.word for verdict in report.verdicts]
+    word = next((word for word in ('fail', 'warn') if word in words), 'pass')
+    streams = report.streams()
+    return page(
+        f'{report.source}: inspection',
+        tag(
+            'header',
+            tag('div', tag('h1', report.source), tag('p', _summary(report), class_='soft')),
+            badge(word, VERDICT[word]),
+        ),
+        tag('h2', 'Timeline'),
+        tag('p', *_legend(), class_='soft'),
+        plot(timeline(report), 70 + 34 * len(streams), 'timeline of all streams'),
+        tag('h2', 'Findings'),
+        _findings(report.findings),
+        *_expected(report),
+        tag('h2', 'Streams'),
+        table(
+            COLUMNS,
+            [
+                [badge(report.word(one.stream.topic), cells[0].lower()), *cells[1:]]
+                for one in streams
+                for cells in [row(report, one)]
+            ],
+            numbers=range(3, len(COLUMNS)),
+            minor=(2, *range(5, len(COLUMNS))),
+        ),
+        *_calibrated(report),
+        *_periods(streams),
+    )
+
+
+def _summary(report: Report) -> str:
+    inspection = report.inspection
+    facts = [f'{len(inspection.streams)} streams']
+    if inspection.common_ns is not None:
+        begin_ns, end_ns = inspection.common_ns
+        facts.append(f'{(end_ns - begin_ns) / 1e9:.1f} s common to all sensors')
+    if math.isfinite(inspection.imu_to_camera):
+        facts.append(f'{inspection.imu_to_camera:.3g} IMU samples a frame')
+    return ', '.join(facts)
+
+
+def _legend() -> list[object]:
+    return [
+        'When each topic was recorded. ',
+        swatch(BLUE), 'messages', swatch(GREY), 'none that should be there',
+        swatch(RED), 'fail', swatch(AMBER), 'warning',
+    ]  # fmt: skip
+
+
+def _findings(findings: Sequence[Finding]) -> Html:
+    if not findings:
+        return tag('p', 'Nothing is wrong with the streams.')
+    rows = [
+        [
+            badge(one.level, VERDICT[one.level]),
+            joined(
+                [
+                    tag('b', one.name, style='white-space:nowrap;font-weight:600'),
+                    tag('div', one.topic, class_='soft', style='min-width:9rem'),
+                ]
+            ),
+            joined([one.message, '. ', _advice(one)]),
+        ]
+        for one in findings
+    ]
+    return table(['', 'finding', ''], rows)
+
+
+def _advice(finding: Finding) -> Html:
+    return Html() if finding.level == 'info' else tag('span', finding.advice, class_='soft')
+
+
+def _expected(report: Report) -> list[Html]:
+    if not report.verdicts:
+        return []
+    rows = [
+        [
+            badge(one.word, VERDICT[one.word]),
+            joined([tag('b', one.stream), tag('div', one.check, class_='soft')]),
+            one.message,
+        ]
+        for one in report.verdicts
+    ]
+    return [tag('h2', 'Expectations'), table(['', 'expected of', ''], rows)]
+
+
+def _calibrated(report: Report) -> list[Html]:
+    if report.calibration is None:
+        return []
+    return [
+        tag('h2', 'Calibration'),
+        *(
+            joined([tag('h3', source), tag('ul', *(tag('li', one) for one in sentences))])
+            for source, sentences in report.calibration.sentences.items()
+        ),
+    ]
+
+
+def timeline(report: Report) -> Figure:
+    """Return a bar for each stream, the worst at the top, with its gaps and findings."""
+    streams = report.streams()
+    origin_ns = report.inspection.begin_ns
+    lines = {one.stream.topic: k for k, one in enumerate(streams)}
+    data = [_bars(streams, origin_ns), *_holes(streams, origin_ns)]
+    data += [
+        _marks(level, report.findings, lines, origin_ns) for level in ('info', 'warn', 'fail')
+    ]
+    names = [_plain(_cut(one.stream.topic)) for one in streams]
+    widest = max(len(_cut(one.stream.topic)) for one in streams)
+    return {
+        'data': data,
+        'layout': layout(
+            barmode='overlay',
+            xaxis=axis(f'seconds of the recording, since {origin_ns / 1e9:.3f}'),
+            yaxis=axis(
+                range=[len(streams) - 0.4, -0.6],
+                tickvals=list(range(len(streams))),
+                ticktext=names,
+                fixedrange=True,
+            ),
+            margin={'l': 16 + PIXELS_A_LETTER * widest, 'r': 10, 't': 10, 'b': 42},
+        ),
+    }
+
+
+def _bars(streams: Sequence[Examined], origin_ns: int) -> Figure:
+    """Return a bar from the first to the last message of each stream."""
+    arrivals = [one.stream.arrivals_ns for one in streams]
+    return {
+        'type': 'bar',
+        'orientation': 'h',
+        'base': [float(times.min() - origin_ns) / 1e9 for times in arrivals],
+        # a single message is seen, too
+        'x': [max(float(np.ptp(times)) / 1e9, 1e-3) for times in arrivals],
+        'y': list(range(len(streams))),
+        'width': 0.5,
+        'marker': {'color': BLUE, 'opacity': 0.55},
+        'text': [
+            _plain(f'{one.stream.topic}: {one.timing.count:,}, {number(one.timing.rate_hz)} Hz')
+            for one in streams
+        ],
+        'textposition': 'none',
+        'hovertemplate': '%{text}<extra></extra>',
+    }
+
+
+def _holes(streams: Sequence[Examined], origin_ns: int) -> list[Figure]:
+    """Return the intervals in which messages are missing, the longest of each stream."""
+    base: list[float] = []
+    length: list[float] = []
+    line: list[int] = []
+    for k, one in enumerate(streams):
+        periods = one.timing.periods_s
+        if not one.timing.missing or not len(periods):
+            continue
+        longest = np.argsort(-periods, kind='stable')[:MOST_MARKS]
+        longest = longest[periods[longest] > 1.5 * one.timing.period_s]
+        ends = one.timing.times_s[longest]
+        begins, ends = (_recorded(one, at, origin_ns) for at in (ends - periods[longest], ends))
+        base += begins.tolist()
+        length += (ends - begins).tolist()
+        line += [k] * len(longest)
+    if not base:
+        return []
+    return [
+        {
+            'type': 'bar',
+            'orientation': 'h',
+            'base': base,
+            'x': length,
+            'y': line,
+            'width': 0.5,
+            'marker': {'color': GREY, 'line': {'color': GREY, 'width': 1}},
+            'hovertemplate': '%{x:.3f} s without messages, from %{base:.3f} s<extra></extra>',
+        }
+    ]
+
+
+def _recorded(one: Examined, seconds: np.ndarray, origin_ns: int) -> np.ndarray:
+    """Return when stamps, seconds since the first, were recorded, in seconds of the recording."""
+    order = np.argsort(one.stream.times_ns, kind='stable')
+    stamps = (one.stream.times_ns[order] - one.timing.first_ns) / 1e9
+    return np.interp(seconds, stamps, (one.stream.arrivals_ns[order] - origin_ns) / 1e9)
+
+
+def _marks(
+    level: str, findings: Sequence[Finding], lines: dict[str, int], origin_ns: int
+) -> Figure:
+    """Return where the findings of a level are."""
+    found = [
+        ((moment.logged_begin_ns - origin_ns) / 1e9, lines[topic], one)
+        for one in findings
+        if one.level == level
+        for topic in one.topic.split(', ')
+        if topic in lines
+        for moment in one.moments
+    ]
+    return {
+        'type': 'scatter',
+        'mode': 'markers',
+        'x': [x for x, _, _ in found],
+        'y': [y - 0.34 for _, y, _ in found],
+        'text': [_plain(f'{one.name}: {one.message}') for _, _, one in found],
+        'hovertemplate': '%{x:.3f} s: %{text}<extra></extra>',
+        'marker': {'symbol': 'triangle-down', 'size': 9, 'color': COLOURS[level]},
+    }
+
+
+def _periods(streams: Sequence[Examined]) -> list[Html]:
+    """Return the period of each stamped stream over time."""
+    drawn = [
+        one for one in streams if one.stream.stamps_ns is not None and len(one.timing.periods_s)
+    ]
+    if not drawn:
+        return []
+    return [
+        tag('h2', 'Periods'),
+        tag(
+            'p',
+            f'From one stamp to the next. Triangles: more than {TOP_PERIODS:.0f} medians.',
+            class_='soft',
+        ),
+        tag(
+            'div',
+            *(
+                plot(period_over_time(one), 240, f'periods of {one.stream.topic}', _titled(one))
+                for one in drawn
+            ),
+            class_='plots',
+        ),
+    ]
+
+
+def _titled(one: Examined) -> str:
+    return f'{one.stream.topic}, {number(1e3 * one.timing.period_s)} ms in the median'
+
+
+def period_over_time(one: Examined) -> Figure:
+    """Return the periods of a stream, thinned to their outline; those far too long at the top."""
+    times, usual = one.timing.times_s, 1e3 * one.timing.period_s
+    periods = 1e3 * one.timing.periods_s
+    top = TOP_PERIODS * usual
+    within, beyond = periods <= top, np.flatnonzero(periods > top)[:MOST_MARKS]
+    chosen = np.flatnonzero(within)[_extremes(periods[within])]
+    return {
+        'data': [
+            _dots(times[chosen], periods[chosen], periods[chosen], BLUE, size=3.5),
+            _dots(
+                times[beyond], np.full(len(beyond), top), periods[beyond], RED,
+                symbol='triangle-up', size=9,
+            ),
+        ],
+        'layout': layout(
+            xaxis=axis('time [s]'),
+            yaxis=axis('period [ms]', range=_range(periods[within], usual, top, len(beyond) > 0)),
+        ),
+    }  # fmt: skip
+
+
+def _dots(
+    times: np.ndarray, heights: np.ndarray, periods: np.ndarray, colour: str, **marker: Any
+) -> Figure:
+    return {
+        'type': 'scatter',
+        'mode': 'markers',
+        'x': numbers(times),
+        'y': numbers(heights),
+        'customdata': numbers(periods),
+        'marker': {'color': colour, **marker},
+        'hovertemplate': '%{customdata:.3f} ms at %{x:.3f} s<extra></extra>',
+    }
+
+
+def _range(periods: np.ndarray, usual: float, top: float, is_beyond: bool) -> list[float]:
+    """Return from where to where the axis goes; equal periods do not fill it with noise."""
+    if is_beyond:
+        return [0.0, 1.1 * top]
+    low, high = float(periods.min()), float(periods.max())
+    if high > 1.5 * usual:
+        return [0.0, 1.1 * high]
+    reach = max(1.2 * (high - usual), 1.2 * (usual - low), 0.02 * usual)
+    return [usual - reach, usual + reach]
+
+
+def _extremes(values: np.ndarray) -> np.ndarray:
+    """Return the indices of the least and the most of each stretch, of all where they are few."""
+    if len(values) <= MOST_POINTS:
+        return np.arange(len(values))
+    edges = np.linspace(0, len(values), MOST_POINTS // 2 + 1).astype(int)
+    stretches = list(pairwise(edges.tolist()))
+    least = [a + int(values[a:b].argmin()) for a, b in stretches]
+    most = [a + int(values[a:b].argmax()) for a, b in stretches]
+    return np.unique(least + most)
+
+
+def _cut(name: str) -> str:
+    """Return a name that leaves room for what it is the name of; its end tells more."""
+    return name if len(name) <= MOST_LETTERS else '…' + name[1 - MOST_LETTERS :]
+
+
+def _plain(text: str) -> str:
+    """Return text of which plotly makes neither links nor bold letters."""
+    return escape(printable(text))

@@ -1,0 +1,207 @@
+"""Everything that is measured and found in the sensor streams of a recording, on one screen."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from vio_eval_ros.inspection.cameras import Pair, pairs
+from vio_eval_ros.inspection.clocks import Clocks, clocks
+from vio_eval_ros.inspection.findings import Finding, worst_first
+from vio_eval_ros.inspection.inertial import Inertial, inertial
+from vio_eval_ros.inspection.motion import Motion, motion
+from vio_eval_ros.inspection.streams import Stream
+from vio_eval_ros.inspection.timing import Timing, timing
+
+# A stream begins late or ends early where it does so by this, and by five of its periods
+LATE_S, LATE_PERIODS = 0.5, 5.0
+# Sensors that are recorded together are stamped this much before, more or less alike
+SAME_CLOCK_S = 0.5
+# An IMU should have so many samples between two images
+SAMPLES_A_FRAME = 5.0
+
+
+@dataclass(frozen=True, eq=False)
+class Examined:
+    """A stream with its figures; those that its type does not have are None."""
+
+    stream: Stream
+    timing: Timing
+    clocks: Clocks | None = None
+    inertial: Inertial | None = None
+    motion: Motion | None = None
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether it has stamps, and enough of them for a period."""
+        return self.stream.stamps_ns is not None and math.isfinite(self.timing.period_s)
+
+
+@dataclass(frozen=True, eq=False)
+class Inspection:
+    """
+    What was measured in a recording, and what is wrong with it.
+
+    :param streams: those with messages, by topic.
+    :param findings: worst first.
+    :param common_ns: the first and the last stamp of the time that all sensors have in common;
+        None where there is none.
+    :param imu_to_camera: the least ratio of their rates; NaN where one is missing.
+    """
+
+    streams: list[Examined]
+    pairs: list[Pair]
+    findings: list[Finding]
+    common_ns: tuple[int, int] | None
+    imu_to_camera: float
+
+    @property
+    def begin_ns(self) -> int:
+        """When the first message was recorded."""
+        return min(int(one.stream.arrivals_ns.min()) for one in self.streams)
+
+
+def inspect(streams: Sequence[Stream], left_out: Sequence[str] = ()) -> Inspection:
+    """
+    Return what can be said of the streams of a recording.
+
+    :param left_out: a sentence for whatever could not be read.
+    """
+    findings = [Finding('left_out', '', 'info', sentence) for sentence in left_out]
+    examined = []
+    for stream in sorted((one for one in streams if len(one)), key=lambda one: one.topic):
+        one, found = _examine(stream)
+        examined.append(one)
+        findings += found
+    together, found = pairs([e.stream for e in examined], [e.timing for e in examined])
+    sensors = [e for e in examined if e.stream.is_sensor and e.is_timed]
+    common = _common(sensors)
+    ratio, slow = _rates(sensors)
+    findings += [*found, *_spans(examined), *_clocks_differ(sensors, common is not None), *slow]
+    return Inspection(examined, together, worst_first(findings), common, ratio)
+
+
+def _examine(stream: Stream) -> tuple[Examined, list[Finding]]:
+    """Return the figures of a stream, and what is wrong with it alone."""
+    findings = list(_headers(stream))
+    stream = stream.stamped()
+    figures, found = timing(stream)
+    compared, drifting = clocks(stream)
+    findings += found + drifting
+    felt, moved = None, None
+    if stream.stamps_ns is not None and stream.kind == 'imu':
+        felt, found = inertial(stream, figures)
+        findings += found
+    elif stream.stamps_ns is not None and stream.kind == 'pose':
+        moved, found = motion(stream, figures)
+        findings += found
+    return Examined(stream, figures, compared, felt, moved), findings
+
+
+def _common(sensors: Sequence[Examined]) -> tuple[int, int] | None:
+    """Return the first and the last stamp of the time that all sensors have, if there is any."""
+    if not sensors:
+        return None
+    first_ns = max(e.timing.first_ns for e in sensors)
+    last_ns = min(e.timing.last_ns for e in sensors)
+    return (first_ns, last_ns) if first_ns <= last_ns else None
+
+
+def _headers(stream: Stream) -> Iterator[Finding]:
+    """Yield what is wrong with the headers of a stream, but for the times in them."""
+    level = 'info' if stream.kind == 'other' else 'warn'
+    if len(stream.frames) > 1:
+        names = ', '.join(f"'{name}' ({count})" for name, count in sorted(stream.frames.items()))
+        yield Finding(
+            'frame_ids', stream.topic, level, f'messages name different frames: {names}',
+            len(stream.frames),
+        )  # fmt: skip
+    if stream.stamps_ns is not None and not stream.stamps_ns.all():
+        which = np.flatnonzero(stream.stamps_ns == 0)
+        yield Finding(
+            'unstamped', stream.topic, level,
+            f'{len(which)} of {len(stream)} messages have no stamp, or zero',
+            len(which), moments=stream.moments(which, which),
+        )  # fmt: skip
+
+
+def _spans(examined: Sequence[Examined]) -> Iterator[Finding]:
+    """Yield the streams that begin later, or end earlier, than the first and the last sensor."""
+    known = [e for e in examined if e.stream.stamps_ns is not None]
+    sensors = [e for e in known if e.stream.is_sensor] or known
+    if len(sensors) < 2:
+        return
+    begin = min(int(e.stream.arrivals_ns[0]) for e in sensors)
+    end = max(int(e.stream.arrivals_ns.max()) for e in sensors)
+    for e in known:
+        arrivals = e.stream.arrivals_ns
+        first_ns, last_ns = int(arrivals.min()), int(arrivals.max())
+        limit = LATE_S
+        if math.isfinite(e.timing.period_s):
+            limit = max(limit, LATE_PERIODS * e.timing.period_s)
+        level = 'warn' if e.stream.is_sensor else 'info'
+        index = {'late_start': arrivals.argmin(), 'early_end': arrivals.argmax()}
+        for name, seconds, words in (
+            ('late_start', (first_ns - begin) / 1e9, 'begins {:.3g} s after the first sensor'),
+            ('early_end', (end - last_ns) / 1e9, 'ends {:.3g} s before the last sensor'),
+        ):
+            if seconds > limit:
+                yield Finding(
+                    name, e.stream.topic, level, words.format(seconds), value=seconds, unit='s',
+                    moments=(e.stream.moment(int(index[name]), int(index[name])),),
+                )  # fmt: skip
+
+
+def _clocks_differ(sensors: Sequence[Examined], has_common: bool) -> Iterator[Finding]:
+    """Yield what says that sensors are not on one clock."""
+    if len(sensors) < 2:
+        return
+    if not has_common:
+        spans = ', '.join(
+            f'{e.stream.topic} {e.timing.first_ns / 1e9:.2f} to {e.timing.last_ns / 1e9:.2f} s'
+            for e in sensors
+        )
+        yield Finding(
+            'no_common_span', sensors[0].stream.topic, 'fail',
+            f'the stamps of the sensors have no time in common: {spans}',
+        )  # fmt: skip
+        return
+    offsets = {e.stream.topic: e.clocks.offset_s for e in sensors if e.clocks is not None}
+    if not offsets:
+        return
+    usual = float(np.median(list(offsets.values())))
+    for topic, offset in offsets.items():
+        if abs(offset - usual) > SAME_CLOCK_S:
+            yield Finding(
+                'clock_offset', topic, 'warn',
+                f'stamped {abs(offset - usual):.4g} s {"earlier" if offset > usual else "later"} '
+                'than the other sensors, by the clock of the recorder',
+                value=offset - usual, unit='s',
+            )  # fmt: skip
+
+
+def _rates(sensors: Sequence[Examined]) -> tuple[float, list[Finding]]:
+    """Return the least ratio of the rates of IMUs and cameras, and where it is too small."""
+    cameras = [e for e in sensors if e.stream.kind == 'camera']
+    ratios = [
+        (imu.timing.rate_hz / camera.timing.rate_hz, imu, camera)
+        for imu in sensors
+        if imu.stream.kind == 'imu'
+        for camera in cameras
+    ]
+    if not ratios:
+        return math.nan, []
+    least, imu, camera = min(ratios, key=lambda one: one[0])
+    if least >= SAMPLES_A_FRAME:
+        return least, []
+    return least, [
+        Finding(
+            'imu_rate', imu.stream.topic, 'warn',
+            f'{imu.timing.rate_hz:.4g} Hz are only {least:.3g} samples a frame of '
+            f'{camera.stream.topic}; most estimators want {SAMPLES_A_FRAME:.0f} and more',
+            value=least, unit='ratio',
+        )
+    ]  # fmt: skip

@@ -1,0 +1,121 @@
+"""The messages of one topic as columns of numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+IMAGES = ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage')
+IMU = 'sensor_msgs/msg/Imu'
+
+
+# Larger numbers of an IMU or a pose are none: bytes that are something else
+LARGEST = 1e12
+# Of what happens more often, the first times are told
+MOST_MOMENTS = 200
+
+
+class Moment(NamedTuple):
+    """From when to when something was so: by the stamps, and by the clock of the recorder."""
+
+    begin_ns: int
+    end_ns: int
+    logged_begin_ns: int
+    logged_end_ns: int
+
+
+@dataclass(frozen=True, eq=False)
+class Stream:
+    """
+    The messages of a topic, in the order in which they were recorded.
+
+    :param msgtype: as ROS 2 spells it.
+    :param logged_ns: (N,) int64 nanoseconds, when each was recorded, ascending; None where that
+        is not known.
+    :param stamps_ns: (N,) int64 nanoseconds, of their headers; None where they have none.
+    :param frames: how many messages name each frame.
+    :param numbers: (N, 6) of an IMU, rad/s and m/s²; (N, 3) or (N, 7) of poses, x y z in metres
+        and quaternions x y z w; None of others.
+    """
+
+    topic: str
+    msgtype: str
+    logged_ns: np.ndarray | None
+    stamps_ns: np.ndarray | None
+    frames: Mapping[str, int]
+    numbers: np.ndarray | None = None
+
+    def __len__(self) -> int:
+        return len(self.times_ns)
+
+    @property
+    def times_ns(self) -> np.ndarray:
+        """(N,) int64 nanoseconds: the stamps, or where there are none when they were recorded."""
+        times = self.logged_ns if self.stamps_ns is None else self.stamps_ns
+        assert times is not None
+        return times
+
+    @property
+    def arrivals_ns(self) -> np.ndarray:
+        """(N,) int64 nanoseconds: when they were recorded, or where not known the stamps."""
+        return self.times_ns if self.logged_ns is None else self.logged_ns
+
+    @property
+    def kind(self) -> str:
+        """One of camera, imu, pose and other."""
+        if self.msgtype in IMAGES:
+            return 'camera'
+        if self.msgtype == IMU:
+            return 'imu'
+        return 'other' if self.numbers is None else 'pose'
+
+    @property
+    def is_sensor(self) -> bool:
+        """Whether a VIO takes it for input."""
+        return self.kind in ('camera', 'imu')
+
+    @property
+    def is_usable(self) -> np.ndarray:
+        """(N,) whether all numbers of a message are finite, and of a size that something has."""
+        assert self.numbers is not None
+        return (np.abs(self.numbers) < LARGEST).all(axis=1)
+
+    def stamped(self) -> Stream:
+        """Return the messages whose stamp is not zero; all, without stamps, where all are zero."""
+        if self.stamps_ns is None or self.stamps_ns.all():
+            return self
+        known = self.stamps_ns != 0
+        if not known.any() and self.logged_ns is not None:
+            return replace(self, stamps_ns=None)
+        return replace(
+            self,
+            logged_ns=None if self.logged_ns is None else self.logged_ns[known],
+            stamps_ns=self.stamps_ns[known],
+            numbers=None if self.numbers is None else self.numbers[known],
+        )
+
+    def moment(self, first: int, last: int) -> Moment:
+        """Return the time from one message to another."""
+        ends = (first, last)
+        begin_ns, end_ns = sorted(int(self.times_ns[k]) for k in ends)
+        logged_ns, logged_end_ns = sorted(int(self.arrivals_ns[k]) for k in ends)
+        return Moment(begin_ns, end_ns, logged_ns, logged_end_ns)
+
+    def moments(self, first: np.ndarray, last: np.ndarray) -> tuple[Moment, ...]:
+        """Return the times from some messages to others, the first ones of many."""
+        pairs = zip(first[:MOST_MOMENTS].tolist(), last[:MOST_MOMENTS].tolist(), strict=True)
+        return tuple(self.moment(*pair) for pair in pairs)
+
+
+def runs(is_so: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return where each run of true values begins and the index behind its end."""
+    edges = np.diff(np.concatenate([[0], is_so.astype(np.int8), [0]]))
+    return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+
+
+def spread(values: np.ndarray) -> float:
+    """Return the standard deviation that most of the values have, by their median deviation."""
+    return 1.4826 * float(np.median(np.abs(values - np.median(values))))
