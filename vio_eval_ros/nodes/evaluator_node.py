@@ -36,9 +36,10 @@ from vio_eval_ros.core.gates import check_names
 from vio_eval_ros.errors import ConfigError, VioEvalError, WriteError
 from vio_eval_ros.nodes.display import Display
 from vio_eval_ros.nodes.joining import join
-from vio_eval_ros.nodes.live import LiveRun, make_writable, remove_report
+from vio_eval_ros.nodes.live import LiveRun
 from vio_eval_ros.nodes.options import NodeConfig
 from vio_eval_ros.nodes.parameters import changed, declare, refuse_unknown
+from vio_eval_ros.nodes.reporting import Reporter
 from vio_eval_ros.nodes.runs import LAG_S, why_the_run_ends
 from vio_eval_ros.nodes.status import found_wrong, status_messages, why_no_pairs
 from vio_eval_ros.nodes.stream import Stream
@@ -76,8 +77,7 @@ class Evaluator(Node):
             raise ConfigError(f'estimate and ground_truth are both {self.estimate.topic}')
         self.run_number = 0
         self.failed_gates = False
-        #: why a report could not be written, by its folder
-        self.unwritten: dict[Path, str] = {}
+        self.reporter = Reporter(self.settings.report_dir, self.get_logger().error)
         self.namesakes = 0
         self._ended_s = -math.inf
         self._published = 0
@@ -85,7 +85,6 @@ class Evaluator(Node):
         self._create_outputs()
         self._create_timers()
         self.add_on_set_parameters_callback(self._set_parameters)
-        self._check_report_dir()
         awaited = ' and '.join(f'{s.topic} ({s.name.replace("_", " ")})' for s in self.streams)
         self.get_logger().info(f'waiting for {awaited}')
 
@@ -220,7 +219,6 @@ class Evaluator(Node):
         self.values: Mapping[str, float] = {}
         self.window: Mapping[str, float] = {}
         self._is_empty = True
-        self._interim: Path | None = None  # where a report of this run was asked for
         self.clock_jumped_s = math.inf
 
     def _next_run(self, why: str) -> None:
@@ -231,6 +229,7 @@ class Evaluator(Node):
         finally:  # whatever became of it, it has ended
             for stream in self.streams:
                 stream.next_run()
+            self.reporter.next_run()
             self._ended_s = time.monotonic()
             self._begin_run(why)
         self._hand_over()
@@ -254,10 +253,13 @@ class Evaluator(Node):
         """Write, publish and log the result of the run; return it."""
         self._advance()
         self.run.notes = [note for stream in self.streams for note in stream.notes()]
-        result, where = self._written(folder) or (self.run.result(), '')
+        # what an earlier evaluator left there is not replaced by nothing
+        written = None if self._is_empty else self.reporter.write(self.run, folder)
+        result = written[0] if written else self.run.result()
         self._result.publish(String(data=REPORTS['json'](result)))
         pairs = result.summary.association['pairs']
         found = headline(result) if pairs else why_no_pairs(self)
+        where = f'; the report is in {written[1]}' if written else ''
         self.get_logger().info(f'run {self.run_number}: {found}{where}')
         for note in [*self.run.notes, *found_wrong(self.run.diagnosing, result.summary.pairs)]:
             self.get_logger().warning(note)
@@ -266,40 +268,6 @@ class Evaluator(Node):
                 said = f'{WORDS[verdict.word]} {verdict.gate} (is {number(verdict.value)})'
                 self.get_logger().warning(said)
         return result
-
-    def _written(self, folder: Path) -> tuple[Result, str] | None:
-        """Return the result that was written, and where; a folder that refuses is logged."""
-        if not self.settings.report_dir or self._is_empty:
-            return None  # what an earlier evaluator left there is not replaced by nothing
-        top = Path(self.settings.report_dir)
-        try:
-            result = self.run.write(top / folder)
-        except (VioEvalError, OSError) as error:
-            self._cannot_write(top / folder, error)
-            return None
-        self._forget(top, folder)
-        if folder.name and self._interim == top:  # else it would look like that of the last run
-            remove_report(top)
-        self._interim = top / folder
-        return result, f'; the report is in {top / folder}'
-
-    def _forget(self, top: Path, folder: Path) -> None:
-        """Complain no more of what could not be written there."""
-        for path in (top, top / folder):
-            self.unwritten.pop(path, None)
-
-    def _check_report_dir(self) -> None:
-        """Say early that a report could not be written; there is time to make room."""
-        top = Path(self.settings.report_dir)
-        try:
-            if self.settings.report_dir:
-                make_writable(top)
-        except WriteError as error:
-            self._cannot_write(top, error)
-
-    def _cannot_write(self, folder: Path, error: Exception) -> None:
-        self.unwritten[folder] = str(error)
-        self.get_logger().error(str(error))
 
     def _serve(self, name: str, do: Callable[[], str]) -> None:
         """Offer a service that answers with what was done, or why it could not be."""
@@ -330,17 +298,14 @@ class Evaluator(Node):
         if not self.settings.report_dir:
             return 'published, not written'
         folder = Path(self.settings.report_dir) / self.folder
-        if folder in self.unwritten:
-            raise VioEvalError(self.unwritten[folder])
+        if folder in self.reporter.unwritten:
+            raise VioEvalError(self.reporter.unwritten[folder])
         return str(folder)
 
     def _set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
             settings = changed(self.settings, parameters)
-            if settings.report_dir != self.settings.report_dir:
-                if settings.report_dir:
-                    make_writable(Path(settings.report_dir))
-                self._forget(Path(self.settings.report_dir), self.folder)
+            self.reporter.move(settings.report_dir, self.folder)
             self.settings = settings
         except (ConfigError, WriteError) as error:
             return SetParametersResult(successful=False, reason=str(error))
@@ -380,6 +345,6 @@ def spin(argv: list[str], told: list[int]) -> int:
         raise ConfigError(str(error)) from None
     finally:
         rclpy.try_shutdown()
-    if node.unwritten:
+    if node.reporter.unwritten:
         return UNABLE
     return FAILED if node.failed_gates and node.settings.exit_code_from_gates else PASSED

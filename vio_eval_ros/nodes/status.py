@@ -71,7 +71,9 @@ def _accuracy(node: Evaluator) -> DiagnosticStatus:
         level, message = WARN, 'the alignment is not determined yet'
         if alignment.undetermined:
             message = f'{alignment.undetermined}: {message}'
-    troubles = [trouble for trouble in (node.problem, *node.unwritten.values()) if trouble]
+    troubles = [
+        trouble for trouble in (node.problem, *node.reporter.unwritten.values()) if trouble
+    ]
     if troubles:
         level, message = max(level, WARN), '; '.join([message, *troubles])
     return _status('accuracy', level, message, values)
