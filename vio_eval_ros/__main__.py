@@ -49,7 +49,11 @@ def main(argv: list[str] | None = None) -> int:
         print(f"vio_eval_ros: there is no verb '{verb}'; {hint}", file=sys.stderr)
         return 2
     module, _ = VERBS[verb]
-    status: int = importlib.import_module(module).main(arguments)
+    try:
+        status: int = importlib.import_module(module).main(arguments)
+    except KeyboardInterrupt:  # it is not that far yet
+        print(f'{verb}: interrupted', file=sys.stderr)
+        return 2
     return status
 
 

@@ -536,7 +536,7 @@ def test_a_recording_without_messages_has_topics_all_the_same(shared_data, name)
 def test_a_bag_without_anything_is_listed_as_empty(shared_data):
     with Recording(shared_data / 'bags/rosbag_js/no-messages.bag') as opened:
         assert opened.topics == []
-        with pytest.raises(ReadError, match='topics with poses: none'):
+        with pytest.raises(ReadError, match='no topic of it has poses'):
             opened.read(['/odom'])
 
 

@@ -14,7 +14,7 @@ import time
 from typing import Any, NoReturn
 
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.errors import VioEvalError
+from vio_eval_ros.errors import ConfigError, VioEvalError
 from vio_eval_ros.settings import options_of
 
 PASSED, FAILED, UNABLE = 0, 1, 2
@@ -121,6 +121,10 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def config_of(arguments: argparse.Namespace) -> EvaluationConfig:
     """Return the options of the command line over those of ``--config``."""
     values = {} if arguments.config is None else options_of(arguments.config)
+    try:
+        EvaluationConfig.from_mapping(values)
+    except ConfigError as error:
+        raise ConfigError(f'{arguments.config}: {error}') from None
     given = {option.name: getattr(arguments, option.name) for option in fields(EvaluationConfig)}
     values |= {name: value for name, value in given.items() if value is not None}
     return EvaluationConfig.from_mapping(values)

@@ -195,7 +195,9 @@ def nearest_name(name: str, known: Any) -> str:
 
 def _shown(value: Any) -> str:
     """Return a value as an error shows it, cut where it is long."""
-    text = f"'{value}'" if isinstance(value, (str, int, float)) else type(value).__name__
+    if not isinstance(value, (str, int, float)):
+        return 'a list' if isinstance(value, (list, tuple)) else 'nothing or a mapping'
+    text = f"'{value}'"
     return text if len(text) <= 60 else text[:60] + "...'"
 
 

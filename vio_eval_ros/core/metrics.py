@@ -473,6 +473,10 @@ class Segments(Metric):
         for length in self.config.segment_lengths_m:
             name = f'segment_{plain(length)}m'
             metrics |= self._drift(name, pairs, scale, path, (length,))
+            if len(pairs) and not metrics[f'{name}_segments']:
+                run.warnings.append(
+                    f'{name} is null: there is no segment as long in {path[-1]:.4g} m of path'
+                )
         return metrics | self._drift('kitti', pairs, scale, path, KITTI_LENGTHS_M)
 
     def _drift(

@@ -196,7 +196,7 @@ class Recording:
             for topic in self.topics
             if topic.has_pose or topic.msgtype in TF_TYPES
         ]
-        return 'topics with poses: ' + (', '.join(listed) or 'none')
+        return f'topics with poses: {", ".join(listed)}' if listed else 'no topic of it has poses'
 
     def _decoder(self, topic: Topic) -> _Decoder:
         source = f'{self.path}:{topic.name}'

@@ -286,7 +286,7 @@ def _not_a_number(block: bytes) -> BadRow:
     for row, line in enumerate(block.splitlines()):
         for word in line.split():
             try:
-                float(word)
+                float(b'?' if b'_' in word else word)  # Python reads 1_000, and others do not
             except ValueError:
                 return BadRow(row, f"'{word[:40].decode(errors='replace')}' is not a number")
     return BadRow(0, 'there is something that is not a number')
