@@ -168,7 +168,7 @@ def test_noise_is_that_of_a_calibration_file(tmp_path, content):
         (['{out}', '--still', '--fault', 'jump=1'], 'jump needs a run with estimate'),
         (['{out}', '--still', '--drift', 'none'], '--drift does not go with --still'),
         (['{out}', '--drift', 'yaw_wlk=1'], "did you mean 'yaw_walk'"),
-        (['{out}', '--drift', 'scale=-1'], 'a number from 0 on'),
+        (['{out}', '--drift', 'scale=-1'], 'a number above 0'),
         (['{out}', '--drift', 'scale_drift=x'], 'a number is expected'),
         (['{out}', '--fault', 'time_offset=-2e9'], 'stamps from 1970 to 2038'),
         (['{out}', '--duration-s', '0'], '--duration-s'),

@@ -203,5 +203,5 @@ def test_stamps_that_stand_still_are_an_error():
 
 
 def test_a_single_sample_is_an_error():
-    with pytest.raises(ReadError, match='fewer than two'):
+    with pytest.raises(ReadError, match='fewer than 10 samples'):
         taken(*made(1))

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import math
+import re
 
 import numpy as np
 import pytest
@@ -93,16 +94,19 @@ def test_a_fault_without_effect_does_not_change_the_poses():
         ('axes_swapped=1', 'write axes_swapped'),
         ('outliers=0.1', 'write outliers=SHARE,M'),
         ('scale=big', "'big' is no number"),
-        ('scale=0', 'a factor between 0 and inf is expected'),
-        ('lost_tracking=1.5', 'a share between 0 and 1 is expected'),
-        ('jump=nan', 'a number is expected'),
-        ('clock_drift=-1e6', 'a ppm between'),
-        ('time_offset=1e12', 'a s between'),
-        ('jump=inf', 'a number is expected'),
+        ('scale=0', 'a number between 0 and 1e+06 is expected'),
+        ('lost_tracking=1.5', 'a number between 0 and 1 is expected'),
+        ('jump=nan', 'a number between -1e+06 and 1e+06 is expected'),
+        ('clock_drift=-1e6', 'a number between'),
+        ('time_offset=1e12', 'a number between'),
+        ('quaternion_order=4', 'a whole number between 0 and 4 is expected'),
+        ('quaternion_order=1.5', 'a whole number between 0 and 4 is expected'),
+        ('jump=1e300', 'a number between -1e+06 and 1e+06 is expected'),
+        ('jump=inf', 'a number between -1e+06 and 1e+06 is expected'),
     ],
 )
 def test_what_is_no_fault_is_refused_in_one_line(text, problem):
-    with pytest.raises(ConfigError, match=problem) as refused:
+    with pytest.raises(ConfigError, match=re.escape(problem)) as refused:
         parse_fault(text)
     assert '\n' not in str(refused.value)
 
@@ -119,3 +123,10 @@ def test_a_fault_of_orientations_needs_some():
     with pytest.raises(ConfigError, match='lever_arm: it needs orientations'):
         harmed('lever_arm=0.1', run=positions)
     assert harmed('gravity_tilt=5', run=positions).estimate.rotations is None
+
+
+@pytest.mark.parametrize('share', [0.05, 0.5, 0.95, 0.999])
+def test_as_much_is_lost_as_was_asked_for(share):
+    count = len(simulate().estimate)
+    left = len(harmed(f'lost_tracking={share}').estimate)
+    assert left == pytest.approx((1 - share) * count, abs=2)

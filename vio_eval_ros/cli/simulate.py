@@ -39,6 +39,9 @@ examples:
 exit status: 0 done, 2 could not be done
 """
 
+# of what may also be below 0, or must be above
+LEAST_DRIFT = {'scale_drift': (-1e6, 'a number'), 'scale': (1e-6, 'a number above 0')}
+
 
 def main(argv: list[str] | None = None) -> int:
     """Run the verb; return its exit status."""
@@ -179,8 +182,8 @@ def _drift(texts: Sequence[str]) -> Drift:
             near = nearest_name(name, names) or f'; there are {", ".join(names)}'
             raise ConfigError(f"--drift: there is no '{name}'{near}")
         value = finite(given)
-        if not (value >= 0 or (name == 'scale_drift' and value < 0)):
-            what = 'a number' if name == 'scale_drift' else 'a number from 0 on'
+        low, what = LEAST_DRIFT.get(name, (0.0, 'a number from 0 on'))
+        if not value >= low:
             raise ConfigError(f'--drift {text}: {what} is expected')
         drift = replace(drift, **{name: value})
     return drift

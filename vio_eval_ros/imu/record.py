@@ -19,6 +19,7 @@ AXES = ('gyro_x', 'gyro_y', 'gyro_z', 'accel_x', 'accel_y', 'accel_z')
 CAPACITY = 6_000_000  # samples kept: 8 h at 200 Hz, 288 MB
 HELD = 1 << 16  # samples held back for others that come late
 NEAR = 16  # samples on either side of a suspected gap that tell whether it is one
+FEWEST = 10
 FILLED = 10  # lost in a row at most, to be interpolated
 
 
@@ -126,11 +127,11 @@ class Record:
         """
         Return all that was taken.
 
-        :raises ReadError: fewer than two samples, or stamps that stand still.
+        :raises ReadError: too few samples, or stamps that stand still.
         """
         self._take_over(0)
-        if not self._intervals:
-            raise ReadError(self.source, 'there are fewer than two samples with stamps')
+        if self._intervals < FEWEST - 1:
+            raise ReadError(self.source, f'there are fewer than {FEWEST} samples with stamps')
         self._close()
         segments = [parts for parts in self._segments if parts]
         period_s = self._elapsed_ns / self._intervals / 1e9

@@ -113,7 +113,8 @@ def scattered(
 def cut(poses: Trajectory, source: np.random.Generator, share: float) -> Trajectory:
     """Return the poses without those of an interval, which may be the end."""
     duration_ns = poses.stamps_ns[-1] - poses.stamps_ns[0]
-    begin = poses.stamps_ns[0] + source.uniform(0.1, max(0.1, 1.0 - share)) * duration_ns
+    latest = 1.0 - share
+    begin = poses.stamps_ns[0] + source.uniform(min(0.1, latest), latest) * duration_ns
     return poses[(poses.stamps_ns < begin) | (poses.stamps_ns > begin + share * duration_ns)]
 
 
@@ -177,11 +178,13 @@ FAULTS: dict[str, Fault] = {
 }
 # Sizes of these units lie in between; of others any number will do.
 BETWEEN = {
-    'factor': (0.0, math.inf),
+    'factor': (0.0, 1e6),
     'share': (0.0, 1.0),
     'ppm': (-1e6, 1e6),  # a clock does not run backwards
     's': (-4e9, 4e9),
+    'places': (0.0, 4.0),
 }
+LARGEST = 1e6  # beyond, poses cannot be used at all
 
 
 def usage(name: str) -> str:
@@ -208,10 +211,10 @@ def parse_fault(text: str) -> tuple[str, tuple[float, ...]]:
     if len(sizes) != len(units):
         raise ConfigError(f'{text}: write {usage(name)} ({FAULTS[name].does})')
     for size, unit in zip(sizes, units, strict=True):
-        low, high = BETWEEN.get(unit, (-math.inf, math.inf))
-        if not low < size < high:
-            expected = f'a {unit} between {low:g} and {high:g}' if unit in BETWEEN else 'a number'
-            raise ConfigError(f'{text}: {expected} is expected')
+        low, high = BETWEEN.get(unit, (-LARGEST, LARGEST))
+        if not low < size < high or (unit == 'places' and size != round(size)):
+            what = 'whole number' if unit == 'places' else 'number'
+            raise ConfigError(f'{text}: a {what} between {low:g} and {high:g} is expected')
     return name, sizes
 
 

@@ -265,6 +265,9 @@ KINDS: dict[str, Kind] = {
     'euroc': Kind(_write_euroc),
 }
 
+# not those of a folder
+OF_FILES = ('.csv', '.db3', '.json', '.tum', '.txt', '.yaml')
+
 
 def kind_of(path: Path, stated: str | None = None) -> str:
     """
@@ -273,6 +276,9 @@ def kind_of(path: Path, stated: str | None = None) -> str:
     :raises ConfigError: where the name is that of another kind.
     """
     named = next((name for name, kind in KINDS.items() if kind.suffix == path.suffix != ''), None)
+    if stated is None and path.suffix in OF_FILES:
+        known = ', '.join(kind.suffix for kind in KINDS.values() if kind.suffix)
+        raise ConfigError(f'{path}: {path.suffix} is not written; {known}, or a folder')
     kind = stated or named or 'rosbag2'
     if named != kind and (named or KINDS[kind].suffix):
         wanted = KINDS[kind].suffix or 'no suffix of a recording'
