@@ -70,6 +70,7 @@ setup(
             'types-PyYAML',
             'types-tabulate',
             'types-tqdm',
+            'xmlschema',
         ],
     },
 )

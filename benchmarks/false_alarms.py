@@ -63,6 +63,11 @@ def with_outliers(random: np.random.Generator, spread: float, runs: int) -> np.n
     return lognormal(random, spread, runs) * np.where(random.random(runs) < 0.1, 2.0, 1.0)
 
 
+def after_a_failure(random: np.random.Generator, spread: float, runs: int) -> np.ndarray:
+    """Return runs of which the first went wrong altogether."""
+    return lognormal(random, spread, runs) * np.where(np.arange(runs) == 0, 10.0, 1.0)
+
+
 STACKS: dict[str, Draw] = {
     'normal': normal,
     'lognormal': lognormal,
@@ -91,15 +96,23 @@ def percent(share: float, digits: int = 0) -> str:
     return f'{100 * share:.{digits}f} %'
 
 
-def rates(draw: Draw, spread: float = SPREAD, runs: int = RUNS) -> Rates:
+class Side(NamedTuple):
+    """How many runs one of the two has, of which spread and distribution."""
+
+    runs: int = RUNS
+    spread: float = SPREAD
+    draw: Draw = normal
+
+
+def rates(before: Side, after: Side) -> Rates:
     """Return how often the default rule fails a stack that is the same, and one that is worse."""
     random = np.random.default_rng(1)
 
     def share(factor: float) -> float:
         failed = 0
         for _ in range(COMPARISONS):
-            before, after = (draw(random, spread, runs) for _ in range(2))
-            failed += compare(RULE, MEDIAN_M * before, MEDIAN_M * factor * after).worse
+            old, new = (side.draw(random, side.spread, side.runs) for side in (before, after))
+            failed += compare(RULE, MEDIAN_M * old, MEDIAN_M * factor * new).worse
         return failed / COMPARISONS
 
     return Rates(share(1.0), share(WORSE))
@@ -181,17 +194,25 @@ def section(main: dict[str, Rates], through: Rates) -> Iterator[str]:
         f'{percent(SPREAD)} standard deviation, {COMPARISONS:,} comparisons each, {SEQUENCES} '
         f'sequences through `score`. Targets: at most {percent(MOST_FALSE)} failed, at least '
         f'{percent(LEAST_CAUGHT)} caught. How much depends on the number of runs and their '
-        'spread (normal):'
+        'spread (normal; the last four lognormal):'
     )
     yield ''
     yield f'| runs | spread | {head}'
     yield '|---|---:|---:|---:|'
     others = [(runs, SPREAD) for runs in (1, 3, 5, 10, 20)] + [(5, 0.05), (5, 0.2), (10, 0.2)]
     for runs, spread in others:
-        cells = rates(normal, spread, runs).cells()
+        cells = rates(*[Side(runs, spread)] * 2).cells()
         yield f'| {runs} + {runs} | {percent(spread)} | {cells} |'
-    cells = rates(with_outliers).cells()
+    for runs in (1, 3):
+        cells = rates(Side(), Side(runs)).cells()
+        yield f'| {RUNS} + {runs} | {percent(SPREAD)} | {cells} |'
+    cells = rates(*[Side(draw=with_outliers)] * 2).cells()
     yield f'| {RUNS} + {RUNS}, one in ten twice as bad | {percent(SPREAD)} | {cells} |'
+    cells = rates(Side(draw=after_a_failure), Side()).cells()
+    yield f'| {RUNS} + {RUNS}, one before ten times as bad | {percent(SPREAD)} | {cells} |'
+    for old, new in ((0.02, 0.2), (0.2, 0.02)):
+        cells = rates(Side(RUNS, old, lognormal), Side(RUNS, new, lognormal)).cells()
+        yield f'| {RUNS} + {RUNS} | {percent(old)} before, {percent(new)} now | {cells} |'
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -199,7 +220,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--check', action='store_true', help='write nothing')
     check = parser.parse_args(arguments).check
-    found = {title: rates(draw) for title, draw in STACKS.items()}
+    found = {title: rates(*[Side(draw=draw)] * 2) for title, draw in STACKS.items()}
     through = end_to_end()
     table = '\n'.join(section(found, through)) + '\n'
     print(table, end='')

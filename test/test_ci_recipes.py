@@ -68,6 +68,7 @@ class Server:
     folder: Path
     version: str
     ref: str = 'refs/heads/main'
+    event: str = 'push'
     output: str = ''
     uploaded: list[str] = field(default_factory=list)
     saved: list[str] = field(default_factory=list)
@@ -102,6 +103,7 @@ class Server:
             'GITHUB_STEP_SUMMARY': str(self.folder.parent / 'summary'),
             'GITHUB_OUTPUT': str(self.folder.parent / 'outputs'),
             'GITHUB_ACTION_PATH': str(ROOT),
+            'GITHUB_EVENT_NAME': self.event,
         }
         done = subprocess.run(
             ['bash', '--noprofile', '--norc', *options, str(file)],
@@ -295,7 +297,7 @@ def test_a_baseline_is_recorded_on_demand(tmp_path, versions, baseline):
 def test_main_records_its_baseline_and_branches_are_compared_with_it(tmp_path, versions, baseline):
     server = repository(tmp_path, versions, 'good')
     assert server.run(steps_of(OF_MAIN)) == 0, server.output
-    assert server.saved == ['baseline-${{ github.sha }}']
+    assert server.saved == ['baseline-${{ github.run_id }}-${{ github.run_attempt }}']
     assert (server.folder / 'baseline.json').read_text() == baseline
     server.ref, server.version = 'refs/pull/1/merge', 'worse'
     assert server.run(steps_of(OF_MAIN)) == 1, server.output
@@ -305,6 +307,25 @@ def test_main_records_its_baseline_and_branches_are_compared_with_it(tmp_path, v
     server.ref = 'refs/heads/main'  # what got worse is not the next baseline
     assert server.run(steps_of(OF_MAIN)) == 1
     assert len(server.saved) == 1
+
+
+@pytest.mark.parametrize('change', ['worse', 'options'])
+def test_a_main_that_fails_by_its_baseline_is_freed_by_hand(tmp_path, versions, baseline, change):
+    server = repository(tmp_path, versions, 'good', baseline)
+    if change == 'options':
+        suite = server.folder / 'suite.yaml'
+        text = suite.read_text().replace('{rpe_deltas', '{alignment: posyaw, rpe_deltas')
+        suite.write_text(text)
+    else:
+        server.version = 'worse'
+    assert server.run(steps_of(OF_MAIN)) == (1 if change == 'worse' else 2), server.output
+    assert server.saved == []
+    assert 'workflow_dispatch' in RECIPES[OF_MAIN][True]  # YAML's on
+    server.event = 'workflow_dispatch'
+    assert server.run(steps_of(OF_MAIN)) == 0, server.output
+    assert len(server.saved) == 1
+    server.event = 'push'
+    assert server.run(steps_of(OF_MAIN)) == 0, server.output
 
 
 def test_recordings_come_from_git_lfs(good):

@@ -9,7 +9,7 @@ import sys
 import pytest
 
 from vio_eval_ros.reports.tables import tum
-from vio_eval_ros.simulation import simulate
+from vio_eval_ros.simulation import simulate, write_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 PAIR = ('--estimate', 'runs/a.tum', '--ground-truth', 'gt.tum')
@@ -140,6 +140,29 @@ def test_a_manifest_that_makes_no_sense_is_one_line_and_status_2(lab, arguments,
     before = sorted(lab.rglob('*'))
     assert problem in complaint('replay', *PAIR, *arguments, cwd=lab)
     assert sorted(lab.rglob('*')) == before
+
+
+@pytest.mark.parametrize(
+    'report',
+    [
+        '--report=json:flight/metadata.yaml',
+        '--report=json:flight/new.json',
+        '--report=csv:vio.yaml',
+        '--report=csv:gates.yaml',
+        '--report=csv:options.yaml',
+        '--manifest=flight/flight.mcap',
+    ],
+)
+def test_a_replay_writes_nothing_where_an_input_is(lab, report):
+    write_recording(simulate(duration_s=1.0), lab / 'flight')
+    (lab / 'gates.yaml').write_text('ate_trans_rmse_m: {max: 1}\n')
+    (lab / 'options.yaml').write_text('alignment: se3\n')
+    given = ['flight', '--gates', 'gates.yaml', '--config', 'options.yaml', report]
+    if 'vio' in report:
+        given += ['--manifest', 'm.json', '--stack-config', 'vio.yaml']
+    before = {path: path.read_bytes() for path in lab.rglob('*') if path.is_file()}
+    assert 'the input' in complaint('replay', *given, cwd=lab)
+    assert {path: path.read_bytes() for path in lab.rglob('*') if path.is_file()} == before
 
 
 @pytest.mark.parametrize(

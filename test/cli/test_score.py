@@ -13,7 +13,7 @@ import pytest
 
 from vio_eval_ros.reports.tables import tum
 from vio_eval_ros.scoring.documents import SUITE_REPORTS
-from vio_eval_ros.simulation import Drift, simulate
+from vio_eval_ros.simulation import Drift, simulate, write_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 SCORE = [sys.executable, '-m', 'vio_eval_ros', 'score']
@@ -454,6 +454,8 @@ def test_tags_and_settings_choose_what_is_scored(flights, tmp_path):
         (('before.yaml', '--report=csv:new', '--report=json:new'), 'would overwrite csv:new'),
         (('before.yaml', '--report=csv:new', '--record-baseline=new'), 'would overwrite csv:new'),
         (('before.yaml', '--accept', 'everything'), 'invalid choice'),
+        (('before.yaml', '--accept', 'options'), '--accept goes with --baseline'),
+        (('before.yaml', '--set', 'sequences.a.ground_truth=no.tum'), 'ground_truth: there is no'),
         (('before.yaml', '--set', 'options.alignment=se'), "did you mean 'se3'?"),
         (('before.yaml', '--set', 'sequences.a.estimate=none/*'), "nothing matches 'none/*'"),
         (('gt.tum',), 'gt.tum: '),
@@ -461,6 +463,33 @@ def test_tags_and_settings_choose_what_is_scored(flights, tmp_path):
 )
 def test_wrong_arguments_are_one_line_and_status_2(flights, arguments, problem):
     assert problem in complaint(*arguments, cwd=flights)
+
+
+@pytest.mark.parametrize(
+    ('report', 'problem'),
+    [
+        ('json:flight/flight.mcap', 'would be written into the input flight'),
+        ('json:flight/metadata.yaml', 'would be written into the input flight'),
+        ('csv:bands.yaml', 'would overwrite the input bands.yaml'),
+        ('csv:vio.yaml', 'would overwrite the input vio.yaml'),
+        ('csv:cam.yaml', 'would overwrite the input cam.yaml'),
+        ('csv:times.txt', 'would overwrite the input times.txt'),
+    ],
+)
+def test_no_report_goes_where_an_input_is(tmp_path, report, problem):
+    write_recording(simulate(duration_s=1.0), tmp_path / 'flight')
+    (tmp_path / 'bands.yaml').write_text('a: {good: 1, plausible: 2, failed: 3}')
+    for name in ('vio.yaml', 'cam.yaml', 'times.txt'):
+        (tmp_path / name).write_text('a: 1\n')
+    (tmp_path / 'suite.yaml').write_text(
+        'bands: bands.yaml\nstack: {config: vio.yaml}\ncalibration: [cam.yaml]\nsequences:\n'
+        '- {name: a, recording: flight, estimate: /vio/odometry, times: times.txt,\n'
+        '   ground_truth: /ground_truth/pose}\n'
+    )
+    before = {path: path.read_bytes() for path in tmp_path.rglob('*') if path.is_file()}
+    found = complaint('suite.yaml', f'--report={report}', cwd=tmp_path)
+    assert problem in found
+    assert {path: path.read_bytes() for path in before} == before
 
 
 def test_a_baseline_is_not_overwritten_by_what_is_compared_with_it(flights, baseline):

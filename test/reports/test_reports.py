@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from xmlschema import XMLSchema
 
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
@@ -102,6 +103,27 @@ def test_junit_has_a_case_for_each_gate_and_fails_where_one_fails(passing, faili
     case = bad.find('.//testcase')
     assert case.get('name') == 'ate_trans_rmse_m<=1e-09'
     assert 'the gate is ate_trans_rmse_m<=1e-09' in case.find('failure').get('message')
+
+
+def test_junit_keeps_the_schema_of_jenkins(passing, failing):
+    schema = XMLSchema(Path(__file__).resolve().parents[1] / 'junit.xsd')
+    for result in (passing, failing, result_of(source=HOSTILE), result_of(position_only=True)):
+        schema.validate(REPORTS['junit'](result))
+
+
+def test_a_result_says_whether_it_is_a_success_and_why(passing):
+    parsed = json.loads(REPORTS['json'](passing))
+    assert parsed['success'] is True
+    assert [
+        (gate['metric'], gate['comparison'], gate['limit'], gate['passed'])
+        for gate in parsed['success_gates']
+    ] == [('coverage_ratio', '>=', 0.9, True), ('ate_extent_ratio', '<=', 0.5, True)]
+    metrics = passing.summary.metrics | {'ate_extent_ratio': 0.6, 'coverage_ratio': math.nan}
+    summary = dataclasses.replace(passing.summary, metrics=metrics)
+    lost = json.loads(REPORTS['json'](dataclasses.replace(passing, summary=summary)))
+    assert lost['success'] is False
+    assert [gate['value'] for gate in lost['success_gates']] == [None, 0.6]
+    assert lost['verdict'] == 'pass'
 
 
 def test_junit_of_a_run_without_gates_says_that_it_was_evaluated():

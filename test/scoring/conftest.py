@@ -27,6 +27,8 @@ class Lab:
     A suite in it has ``alignment: none``, so that a run that is off by 0.1 m has that ATE.
     """
 
+    circle = CIRCLE
+
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         (folder / 'gt.tum').write_text(tum(CIRCLE))

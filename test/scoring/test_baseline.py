@@ -1,6 +1,7 @@
 """Worse than a baseline is what is worse beyond the noise; other conditions are named."""
 
 from dataclasses import replace
+import hashlib
 import json
 import math
 from pathlib import Path
@@ -26,7 +27,7 @@ from vio_eval_ros.scoring.baseline import (
 ATE = Rule('ate_trans_rmse_m')
 BEFORE = [0.10, 0.11, 0.09, 0.105, 0.095]
 OPTIONS = EvaluationConfig().to_dict()
-RECORDED = Recorded(OPTIONS, 'ab' * 32, {'ate_trans_rmse_m': tuple(BEFORE)})
+RECORDED = Recorded(OPTIONS, 'ab' * 32, {'ate_trans_rmse_m': tuple(BEFORE)}, '/truth')
 
 
 @pytest.fixture
@@ -132,6 +133,42 @@ def test_no_number_any_more_is_worse_and_no_number_yet_is_not():
     assert all(math.isnan(bound) for bound in gone.interval)
     assert not compare(ATE, [], BEFORE).worse
     assert not compare(ATE, [], []).worse
+
+
+def test_runs_without_a_number_are_worse_than_any_other():
+    assert not compare(ATE, BEFORE, BEFORE, missing=1).worse
+    found = compare(ATE, BEFORE, [0.13, 0.135, 0.14, 0.145], missing=1)
+    assert found.difference == pytest.approx(0.04)  # of five, the last of which is beyond
+    assert found.worse
+    assert math.isnan(found.interval[0])
+    found = compare(ATE, BEFORE, BEFORE[:2], missing=3)
+    assert found.worse
+    assert math.isnan(found.difference)
+    coverage = [0.99, 0.98, 0.97, 0.99, 0.98]
+    assert compare(Rule('coverage_ratio'), coverage, coverage[:2], missing=3).worse
+    assert not compare(Rule('coverage_ratio'), coverage, coverage, missing=1).worse
+    assert not compare(ATE, [], [], missing=5).worse
+
+
+def test_a_stricter_p_never_makes_more_runs_worse():
+    random = np.random.default_rng(8)
+    levels = (1.0, 0.2, 0.05, 0.02, 0.0039, 0.001, 0.0)
+    for before, after in ((5, 5), (3, 3), (2, 2), (5, 1)):
+        for _ in range(50):
+            old, new = random.normal(1, 0.1, before), random.normal(1.2, 0.1, after)
+            worse = [compare(ATE._replace(p=p), old, new).worse for p in levels]
+            assert worse == sorted(worse, reverse=True)
+    assert not compare(ATE._replace(p=0.001), BEFORE, [10 * value for value in BEFORE]).worse
+
+
+def test_a_test_that_contradicts_the_medians_is_noticed():
+    one_wrong = compare(ATE, [0.1, 0.1, 0.1, 3.0], [0.3] * 4)
+    assert one_wrong.contradicted
+    assert not one_wrong.worse
+    assert not compare(ATE, BEFORE, [3 * value for value in BEFORE]).contradicted
+    assert not compare(ATE, BEFORE, BEFORE).contradicted
+    # of five, one does not count
+    assert compare(ATE, [0.1, 0.11, 0.1, 0.12, 3.0], [0.3] * 5).worse
 
 
 def test_too_few_runs_to_test_are_compared_by_the_limits_alone():
@@ -309,6 +346,16 @@ def test_the_same_difference_in_several_sequences_is_told_once():
     assert two.check({'a': now, 'b': now}, ['options']) == ['a, b: alignment was se3, is sim3']
 
 
+def test_a_baseline_that_does_not_say_how_the_truth_was_read_has_no_difference(baseline, tmp_path):
+    assert '"ground_truth": "/truth",' in baseline.to_json()
+    text = baseline.to_json().replace('"ground_truth": "/truth",', '')
+    (tmp_path / 'baseline.json').write_text(text)
+    assert Baseline.load(tmp_path / 'baseline.json').check({'V1_02': RECORDED}) == []
+    other = replace(RECORDED, ground_truth='/truth?invert=pose')
+    problem = "V1_02: the ground truth was '/truth', is '/truth?invert=pose'"
+    assert baseline.check({'V1_02': other}, ['ground_truth']) == [problem]
+
+
 def test_where_nothing_was_scored_the_ground_truth_is_not_known_to_differ(baseline):
     assert baseline.check({'V1_02': Recorded(OPTIONS)}) == []
 
@@ -332,6 +379,21 @@ def test_metrics_that_only_one_version_has_are_no_other_definition(baseline):
     more = replace(baseline, definition_sha256=meant | {'a_metric_of_before': '00'})
     less = replace(baseline, definition_sha256={'sim3_scale': meant['sim3_scale']})
     assert more.check({}) == less.check({}) == []
+
+
+def test_every_metric_has_a_fingerprint_whatever_its_delta_or_length():
+    config = EvaluationConfig(
+        rpe_deltas=('3f', '2.5s', '10m', '15d'), segment_lengths_m=(100.0, 12.5)
+    )
+    assert {baselines.family(name) for name in metric_names(config)} <= definition_sha256().keys()
+    assert baselines.family('rpe_2.5s_trans_rmse_m') == 'rpe_*s_trans_rmse_m'
+    assert baselines.family('segment_100m_trans_percent') == 'segment_*m_trans_percent'
+    assert baselines.family('ate_trans_rmse_m') == 'ate_trans_rmse_m'
+
+
+def test_no_fingerprint_is_of_nothing():
+    nothing = hashlib.sha256(' '.join(['nan'] * 8).encode()).hexdigest()
+    assert nothing not in definition_sha256().values()
 
 
 def test_the_definition_changes_with_what_a_metric_means(monkeypatch):

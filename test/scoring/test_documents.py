@@ -14,6 +14,7 @@ from jsonschema import Draft202012Validator
 from markdown_it import MarkdownIt
 import pytest
 from referencing import Registry, Resource
+from xmlschema import XMLSchema
 
 from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.scoring.baseline import Baseline, definition_sha256
@@ -25,21 +26,9 @@ SCHEMAS = {
     name: json.loads((Path(__file__).resolve().parents[2] / 'docs/schema' / name).read_text())
     for name in ('result-1.json', 'suite-1.json')
 }
+ATE = 'ate_trans_rmse_m'
 HOSTILE = 'a<script>alert(1)</script>|`b`*c*&"\\\x1b[2J_{x}%$#~^\n# d,x\udcff'
-# What Jenkins (the schema of its xUnit plugin) and GitLab take: required attributes, others, and
-# what may be inside.
-JUNIT = {
-    'testsuites': (set(), {'name', 'time', 'tests', 'failures', 'errors'}, {'testsuite'}),
-    'testsuite': (
-        {'name', 'tests', 'failures', 'errors'},
-        {'skipped', 'time', 'timestamp', 'hostname', 'id', 'package', 'file'},
-        {'properties', 'testcase'},
-    ),
-    'properties': (set(), set(), {'property'}),
-    'property': ({'name', 'value'}, set(), set()),
-    'testcase': ({'name', 'classname'}, {'time'}, {'skipped', 'error', 'failure'}),
-    'failure': (set(), {'message', 'type'}, set()),
-}
+JUNIT = XMLSchema(Path(__file__).resolve().parents[1] / 'junit.xsd')
 
 
 @pytest.fixture
@@ -71,6 +60,18 @@ def hostile(lab) -> SuiteResult:
     for bad in ('<img src=x onerror=alert(1)>|$x_1$', 'b\udcff\n'):
         (lab.folder / 'a' / bad).write_text('')
     return lab.score(f'{name}, estimate: "a/*"')
+
+
+@pytest.fixture
+def warned(lab) -> SuiteResult:
+    """Return a suite of three runs, two of which drop a pose and are stamped in nanoseconds."""
+    lab.runs('a', 0.1, 0.1, 0.1)
+    for k in (0, 1):
+        rows = [line.split() for line in (lab.folder / f'a/{k}.tum').read_text().splitlines()[1:]]
+        rows[3][1] = 'nan'
+        stamped = [' '.join([row[0].replace('.', ''), *row[1:]]) for row in rows]
+        (lab.folder / f'a/{k}.tum').write_text('\n'.join(stamped))
+    return lab.score('a')
 
 
 @pytest.fixture(scope='module')
@@ -173,15 +174,26 @@ def test_json_has_the_verdicts_and_their_reasons(result):
     assert content['notes'] == ['new: not in the baseline', 'gone: in the baseline, not scored']
 
 
-def test_junit_has_what_jenkins_and_gitlab_take(result, hostile):
-    for one in (result, hostile):
-        root = ElementTree.fromstring(SUITE_REPORTS['junit'](one))
-        assert root.tag == 'testsuites'
-        for element in root.iter():
-            required, others, inside = JUNIT[element.tag]
-            assert required <= set(element.attrib) <= required | others, element.tag
-            assert {child.tag for child in element} <= inside
-            assert inside or not list(element)
+def test_junit_keeps_the_schema_of_jenkins(result, hostile, warned):
+    for one in (result, hostile, warned):
+        JUNIT.validate(SUITE_REPORTS['junit'](one))
+
+
+@pytest.mark.parametrize(
+    ('old', 'new'),
+    [
+        (' tests="', ' cases="'),
+        ('errors="0"', ''),
+        ('<testcase name=', '<testcase id='),
+        ('failures="0"', 'failures="none"'),
+        ('<properties>', '<properties><testcase name="a"/>'),
+        ('value=', 'is='),
+    ],
+)
+def test_the_schema_of_jenkins_would_notice(result, old, new):
+    text = SUITE_REPORTS['junit'](result)
+    assert old in text
+    assert not JUNIT.is_valid(text.replace(old, new))
 
 
 def test_junit_has_a_case_for_each_gate_and_comparison(result):
@@ -261,6 +273,65 @@ def test_the_terminal_has_the_table_and_the_reasons(result, hostile):
         assert line.isprintable()
     # the table, an empty line, three gates, two runs and the verdict
     assert len(suite_text(hostile).splitlines()) == 3 + 1 + 3 + 2 + 1
+
+
+@pytest.mark.parametrize('name', ['text', 'markdown', 'junit', 'html'])
+def test_what_runs_warn_of_is_told_once_with_how_many_do(warned, name):
+    text = (SUITE_REPORTS | {'text': suite_text})[name](warned)
+    for warning in ('stamps are taken as ns, not s, by their size', 'dropped 1 non-finite'):
+        (line,) = (line for line in re.sub('</?li>', '\n', text).splitlines() if warning in line
+                   and '(2 of 3 runs)' in line.replace('\\', ''))  # fmt: skip
+        assert 'a/0.tum' not in line
+    run = warned.sequences[0].runs[0].result
+    assert f'warning: {run.summary.warnings[0]}' in REPORTS['junit'](run)
+
+
+def test_of_many_warnings_not_all_are_told(lab):
+    lab.runs('a', *[0.1] * 12)
+    for k in range(12):
+        rows = (lab.folder / f'a/{k}.tum').read_text().splitlines()
+        rows += ['nan 0 0 0 0 0 0 1'] * (k + 1)
+        (lab.folder / f'a/{k}.tum').write_text('\n'.join(rows))
+    text = suite_text(lab.score('a'))
+    assert text.count('warning: ') == 11
+    assert 'a: warning: and 2 more warnings of single runs; json has them all' in text
+
+
+def test_runs_that_are_not_in_a_figure_are_not_counted_beside_it(lab):
+    lab.runs('a', 0.1, 0.1)
+    (lab.folder / 'a/2.tum').write_text('')
+    (lab.folder / 'b').mkdir()
+    (lab.folder / 'b/0.tum').write_text('')
+    recorded = lab.score('a', 'b, estimate: "a/*"').sequences
+    baseline = {one.sequence.name: one.recorded for one in recorded}
+    result = compared(lab.score('a', 'b'), Baseline(definition_sha256(), baseline))
+    cells = {row[0]: dict(zip(COLUMNS, row, strict=True)) for row in rows(result)[1:]}
+    assert (cells['a']['runs'], cells['b']['runs']) == ('2 of 3', '0 of 1')
+    assert cells['b']['change'] == ''
+    assert 'nan' not in suite_text(result)
+    assert f'b: FAIL {ATE} was 0.1 and is - (no number in 1 of 1 runs)' in suite_text(result)
+
+
+def test_no_name_is_a_formula_a_link_or_an_argument(lab):
+    lab.runs('a', 0.1)
+    names = ['=HYPERLINK("http://evil.example","x")', '[1cm] https://evil.example', '+1', '@a',
+             '*b', '-c www.evil.example']  # fmt: skip
+    result = lab.score(*(f'{json.dumps(name)}' + ', estimate: "a/*"' for name in names if ', '
+                         not in name))  # fmt: skip
+    table = list(csv.reader(io.StringIO(SUITE_REPORTS['csv'](result))))
+    for cells in table:
+        assert not cells[0].startswith(('=', '+', '-', '@')), cells
+    assert {cells[0] for cells in table[1:]} == {
+        name if name[0] in '[*' else f"'{name}" for name in names
+    }
+    lines = SUITE_REPORTS['latex'](result).splitlines()
+    firsts = [line.lstrip() for line in lines[lines.index(r'\midrule') + 1 : -2]]
+    assert len(firsts) == len(names)
+    assert not [first for first in firsts if first.startswith(('[', '*'))]
+    text = SUITE_REPORTS['markdown'](result)
+    assert not re.search(r'https?://|www\.', text)
+    shown = [row[0] for row in rows(result)[1:]]
+    assert sorted(shown) == sorted(names)
 
 
 def test_a_warning_is_not_told_where_the_gate_beside_it_failed(lab):

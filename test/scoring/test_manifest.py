@@ -18,7 +18,7 @@ from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.reports.tables import tum
 from vio_eval_ros.scoring import manifest as manifests
-from vio_eval_ros.scoring import verification
+from vio_eval_ros.scoring import scoring, verification
 from vio_eval_ros.scoring.baseline import Baseline, definition_sha256
 from vio_eval_ros.scoring.manifest import (
     Document,
@@ -284,13 +284,51 @@ def test_a_suite_has_a_manifest_of_all_its_runs(folder, suite):
     assert valid(content)
 
 
-def test_a_suite_is_reproduced_but_for_what_never_was_scored(folder, suite, monkeypatch):
+def test_a_suite_is_reproduced_with_what_never_could_be_scored(folder, suite, monkeypatch):
     write_suite(suite)
     monkeypatch.chdir('/')
     found = verify(folder / 'manifest.json')
-    assert (found.runs, found.reproduced, found.differences) == (4, 4, ())
+    assert (found.runs, found.reproduced, found.differences) == (5, 5, ())
     (note,) = found.notes
     assert note.startswith('files, runs/lost.tum: could not be scored then: no pairs')
+
+
+def test_a_run_that_could_not_be_scored_and_now_can_is_told(folder, suite):
+    write_suite(suite)
+    shutil.copy('runs/b.tum', 'runs/lost.tum')
+    found = verify(folder / 'manifest.json')
+    assert found.reproduced == 4
+    assert found.differences[:2] == (
+        f'files, runs/lost.tum: {folder}/runs/lost.tum has changed',
+        'files, runs/lost.tum: can be scored now',
+    )
+    Path('runs/lost.tum').unlink()
+    found = verify(folder / 'manifest.json')
+    assert found.differences == (f'files, runs/lost.tum: {folder}/runs/lost.tum is missing',)
+
+
+def test_an_estimate_that_was_missing_and_now_is_there_is_told(folder, suite):
+    suite = Suite.load(folder / 'suite.yaml', ['sequences.revised.estimate=runs/no.tum'])
+    write_suite(suite)
+    assert verify(folder / 'manifest.json').differences == ()
+    shutil.copy('runs/b.tum', 'runs/no.tum')
+    found = verify(folder / 'manifest.json')
+    assert found.differences[0] == 'revised, runs/no.tum: can be scored now'
+    assert 'revised: verdict was fail, is pass' in found.differences
+
+
+def test_a_run_that_took_its_process_down_does_so_again_and_stops_nothing(
+    folder, suite, monkeypatch
+):
+    read = scoring.read_sources
+
+    def dying(specs, *arguments):
+        return os._exit(7) if 'lost' in specs[0] else read(specs, *arguments)
+
+    monkeypatch.setattr(scoring, 'read_sources', dying)
+    content = write_suite(suite)
+    assert content['sequences'][0]['runs'][2]['error'].endswith('died: exit status 7')
+    assert verify(folder / 'manifest.json').differences == ()
 
 
 ATE = 'ate_trans_rmse_m'
@@ -335,7 +373,7 @@ def test_gates_comparisons_and_verdicts_of_a_suite_are_in_its_manifest(judged):
 def test_a_suite_is_judged_again_without_its_file(folder, judged):
     (folder / 'suite.yaml').unlink()
     found = verify(folder / 'manifest.json')
-    assert (found.reproduced, found.differences) == (4, ())
+    assert (found.reproduced, found.differences) == (5, ())
     assert f'{folder}/suite.yaml is missing' in found.notes
 
 
@@ -379,7 +417,7 @@ def better_baseline(content: dict[str, Any]) -> None:
 def test_a_verdict_that_does_not_follow_is_told(folder, judged, tamper, lines):
     tamper(judged)
     found = verified(folder / 'manifest.json', judged)
-    assert found.reproduced == 4
+    assert found.reproduced == 5
     assert [line for line in found.differences if line in lines] == lines
 
 
@@ -390,13 +428,62 @@ def test_a_run_that_is_gone_is_missed_by_the_verdict_too(folder, judged):
     assert any('files: gates.' in line and '.value was' in line for line in found.differences)
 
 
-def test_a_manifest_without_verdicts_is_reproduced_as_before(folder, judged):
-    del judged['verdict'], judged['set']
-    for sequence in judged['sequences']:
+def without_verdict(content: dict[str, Any], *names: str) -> None:
+    for name in names:
+        del content[name]
+    for sequence in content['sequences'][bool(names) - 1 :]:
         del sequence['gates'], sequence['comparisons'], sequence['verdict']
-    assert valid(judged)
-    found = verified(folder / 'manifest.json', judged)
-    assert (found.reproduced, found.differences) == (4, ())
+
+
+@pytest.mark.parametrize(
+    'harm',
+    [
+        without_verdict,  # of the last sequence
+        lambda c: without_verdict(c, 'verdict'),
+        lambda c: without_verdict(c, 'suite'),
+        lambda c: c.update(verdict=None),
+        lambda c: c.update(verdict='maybe'),
+        lambda c: c.pop('verdict'),
+        lambda c: c['sequences'][1].update(verdict=None),
+        lambda c: c['sequences'][1].update(gates=[]),
+        lambda c: c['sequences'][0]['runs'][0]['estimate'].update(files=[]),
+        lambda c: c['sequences'][0]['runs'][0]['result'].update(config={}),
+        lambda c: c['sequences'][0]['runs'][0]['result'].update(inputs={}),
+        lambda c: c['sequences'][0]['runs'][0]['result']['inputs'].update(estimate={}),
+        lambda c: c['sequences'][0]['runs'][0]['result'].update(association={}),
+        lambda c: c['sequences'][0]['runs'][0]['result'].update(alignment={}),
+        lambda c: c['sequences'][0]['runs'][2].update(error=None),
+    ],
+)
+def test_what_was_taken_out_of_a_manifest_is_missed(folder, judged, harm):
+    harm(judged)
+    with pytest.raises(ReadError, match='is no manifest, or a damaged one'):
+        verified(folder / 'manifest.json', judged)
+    assert not valid(judged)
+
+
+@pytest.mark.parametrize('part', ['association', 'alignment', 'metrics', 'config'])
+def test_a_value_that_was_taken_out_is_missed(folder, part):
+    content = manifest_of(folder / 'manifest.json')
+    name = next(iter(the_run(content)['result'][part]))
+    del the_run(content)['result'][part][name]
+    found = verified(folder / 'manifest.json', content)
+    assert len(found.differences) == 1
+    assert f'{name} was absent, is ' in found.differences[0]
+
+
+def test_warnings_are_compared_without_the_folders_in_them(folder, monkeypatch):
+    rows = [line.split() for line in Path('runs/a.tum').read_text().splitlines()[1:]]
+    nanoseconds = [[row[0].replace('.', ''), *row[1:]] for row in rows]
+    Path('runs/ns.tum').write_text('\n'.join(map(' '.join, nanoseconds)))
+    content = manifest_of(folder / 'manifest.json', 'runs/ns.tum')
+    warnings = the_run(content)['result']['warnings']
+    assert warnings[0] == 'runs/ns.tum: stamps are taken as ns, not s, by their size'
+    monkeypatch.chdir('/')
+    assert reproduced(verify(folder / 'manifest.json'))
+    del warnings[0]
+    found = verified(folder / 'manifest.json', content)
+    assert any('warnings.' in line for line in found.differences)
 
 
 @pytest.mark.parametrize(
@@ -431,7 +518,7 @@ def test_the_revision_of_a_run_is_compared_too(folder, suite):
     rows = (folder / 'runs/b.tum').read_text().splitlines()
     (folder / 'runs/b.tum').write_text('\n'.join(rows[:-5]))
     found = verify(folder / 'manifest.json')
-    assert (found.runs, found.reproduced) == (4, 2)
+    assert (found.runs, found.reproduced) == (5, 3)
     changed = [line for line in found.differences if line.startswith('revised, runs/a.tum: ')]
     assert changed[0].endswith('runs/b.tum has changed')
     assert any('ate_causal_trans_rmse_m was' in line for line in changed)
@@ -535,6 +622,7 @@ def test_gates_are_judged_again(folder):
 
 def test_a_later_version_may_know_more_metrics_but_not_fewer(folder):
     content = manifest_of(folder / 'manifest.json')
+    content['tool']['version'] = '0.0.7'
     metrics = the_run(content)['result']['metrics']
     del metrics['ate_trans_rmse_m']
     assert reproduced(verified(folder / 'manifest.json', content))
@@ -571,14 +659,20 @@ def huge_limit(content: dict[str, Any]) -> None:
     ('damage', 'problem'),
     [
         (lambda c: c.update(schema='vio_eval_ros.manifest/2'), 'is of schema vio_eval_ros.man'),
-        (lambda c: c.pop('sequences'), "damaged one (KeyError: 'sequences')"),
-        (lambda c: the_run(c).update(estimate=None), 'damaged one (TypeError'),
-        (lambda c: the_run(c)['result'].pop('metrics'), "damaged one (KeyError: 'metrics')"),
+        (lambda c: c.pop('sequences'), "damaged one (there is no 'sequences' in it)"),
+        (
+            lambda c: the_run(c).update(estimate=None),
+            'damaged one (a part of it is of another kind)',
+        ),
+        (
+            lambda c: the_run(c)['result'].pop('metrics'),
+            "damaged one (there is no 'metrics' in it)",
+        ),
         (nothing, 'has no result that could be reproduced'),
         (lambda c: the_run(c)['result'].update(metrics={}), 'a result has no metrics'),
-        (other_text, 'damaged one (ValueError: text 000000000000 is not what it was)'),
+        (other_text, 'damaged one (text 000000000000 is not what it was)'),
         (unknown_option, "unknown option 'alignement'; did you mean 'alignment'?"),
-        (huge_limit, 'damaged one (OverflowError'),
+        (huge_limit, 'damaged one (a part of it is of another kind)'),
     ],
 )
 def test_a_damaged_manifest_is_one_line(folder, damage: Callable[[dict], None], problem):
@@ -629,7 +723,8 @@ def test_only_files_are_ever_read(folder, special):
         changed = copy.deepcopy(content)
         the_run(changed)['estimate']['spec'] = special
         listed = [{'path': special, 'sha256': None}]
-        the_run(changed)['estimate']['files'] = listed if part == 'listed' else []
+        if part == 'listed':
+            the_run(changed)['estimate']['files'] = listed
         found = verified(folder / 'manifest.json', changed)
         assert found.reproduced == 0
         assert 'is missing' in found.differences[0] or 'no such file' in found.differences[0]

@@ -1,6 +1,7 @@
 """Verdicts over repeated runs are those that one finds by hand; no run stops the others."""
 
 import faulthandler
+import math
 import os
 import signal
 
@@ -10,6 +11,7 @@ from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.scoring import scoring
 from vio_eval_ros.scoring.baseline import Baseline, definition_sha256
 from vio_eval_ros.scoring.scoring import compared, SequenceResult, SuiteResult
+from vio_eval_ros.simulation import simulate, write_recording
 
 ATE = 'ate_trans_rmse_m'
 
@@ -83,6 +85,30 @@ def test_no_run_is_worse_than_one_without_a_number(lab):
     assert verdicts(one)[f'{ATE} worst'] == 'fail'
 
 
+def test_a_median_is_of_all_runs_and_not_of_those_that_survived(lab):
+    lab.runs('a', 0.1, 0.5, 0.5, 0.5, 0.5)
+    for k in (1, 2, 3, 4):
+        (lab.folder / f'a/{k}.tum').write_text('')
+    gates = f'{{{ATE}: {{max: 0.2}}, success_rate: {{min: 0.2}}}}'
+    (one,) = lab.score(f'a, gates: {gates}').sequences
+    assert verdicts(one) == {
+        'coverage_ratio': 'fail', 'ate_extent_ratio': 'fail', 'success_rate': 'pass', ATE: 'fail'
+    }  # fmt: skip
+    assert all(math.isnan(verdict.value) for _, verdict in one.verdicts if not verdict.passed)
+
+
+def test_a_run_without_a_number_counts_as_the_worst_in_the_median(lab):
+    lab.runs('a', 0.1, 0.2)
+    (lab.folder / 'a/2.tum').write_text('')
+    gates = f'{{success_rate: {{min: 0.5}}, {ATE}: {{max: 0.19}}, coverage_ratio: {{min: 0.9}}}}'
+    (one,) = lab.score(f'a, gates: {gates}').sequences
+    found = {gate.gate.metric: verdict.value for gate, verdict in one.verdicts}
+    assert found[ATE] == pytest.approx(0.2)  # of 0.1, 0.2 and worse
+    assert one.metrics[ATE].median == pytest.approx(0.15)
+    assert verdicts(one)[ATE] == 'fail'
+    assert verdicts(one)['coverage_ratio'] == 'pass'
+
+
 def test_a_warning_stands_beside_a_failure_and_fails_nothing(lab):
     lab.runs('a', 0.1)
     gates = f'{{{ATE}: {{max: 0.3, warn: 0.05}}}}'
@@ -136,13 +162,24 @@ def test_a_run_that_cannot_be_scored_has_its_reason_and_stops_nothing(lab):
     assert set(verdicts(b).values()) == {'fail'}
 
 
-def test_a_ground_truth_that_is_missing_fails_all_runs_of_its_sequence(lab):
+def test_a_ground_truth_that_cannot_be_read_fails_all_runs_of_its_sequence(lab):
     lab.runs('a', 0.1, 0.1)
+    (lab.folder / 'no.tum').write_text('1 2 3\n')
     suite = lab.suite('a', 'b, estimate: "a/*"')
     suite.write_text(suite.read_text().replace('ground_truth: gt.tum', 'ground_truth: no.tum', 1))
     a, b = scoring.score_suite(scoring.Suite.load(suite), 2).sequences
     assert all('no.tum' in run.error for run in a.runs)
     assert b.passed
+
+
+def test_an_estimate_that_is_the_truth_is_noticed_under_another_name(lab):
+    lab.runs('a', 0.1)
+    (lab.folder / 'a/0.tum').write_text('# a copy\n' + (lab.folder / 'gt.tum').read_text())
+    lab.runs('b', 0.1)
+    a, b = lab.score('a', 'b').sequences
+    same = 'the estimate and the ground truth are the same'
+    assert same in a.runs[0].result.summary.warnings
+    assert same not in b.runs[0].result.summary.warnings
 
 
 def test_runs_that_share_no_instant_with_the_truth_say_so(lab):
@@ -249,6 +286,34 @@ def test_a_run_without_a_figure_is_in_the_band_of_the_failed(lab):
     assert one.band == 'failed'
 
 
+def test_a_band_that_is_not_known_is_told(lab):
+    lab.runs('a', 0.1)
+    (lab.folder / 'bands.yaml').write_text('a: {good: 1, plausible: 2, failed: 3}')
+    result = lab.score('a', top='bands: bands.yaml\nmodality: mono')
+    assert result.sequences[0].band is None
+    (note,) = result.notes
+    assert note == f'a: {lab.folder}/bands.yaml has no limits for mono; no band is given'
+
+
+def test_poses_of_kitti_have_their_stamps_in_a_file_beside_them(lab):
+    (lab.folder / 'a').mkdir()
+    stamps = lab.circle.stamps_ns - lab.circle.stamps_ns[0]
+    (lab.folder / 'times.txt').write_text('\n'.join(f'{ns / 1e9:.9f}' for ns in stamps))
+    for name, off in (('gt.txt', 0.0), ('a/0.txt', 0.1), ('a/1.txt', 0.2)):
+        rows = [
+            f'1 0 0 {x + off} 0 1 0 {y} 0 0 1 {z}' for x, y, z in lab.circle.positions.tolist()
+        ]
+        (lab.folder / name).write_text('\n'.join(rows))
+    suite = lab.suite('a, estimate: a/*.txt, times: times.txt')
+    suite.write_text(suite.read_text().replace('gt.tum', 'gt.txt'))
+    (one,) = scoring.score_suite(scoring.Suite.load(suite), 2).sequences
+    assert [run.error for run in one.runs] == ['', '']
+    assert one.metrics[ATE].values == pytest.approx((0.1, 0.2))
+    lab.runs('b', 0.1)
+    (one,) = lab.score('b, times: times.txt').sequences
+    assert one.runs[0].error.endswith('times go with KITTI pose files, and there are none')
+
+
 @pytest.fixture
 def before(lab) -> Baseline:
     lab.runs('a', 0.10, 0.11, 0.09, 0.105, 0.095)
@@ -287,6 +352,37 @@ def test_a_sequence_that_can_no_longer_be_scored_fails_and_is_compared(lab, befo
     assert one.comparisons[0].worse
 
 
+def test_one_run_that_survived_is_not_compared_with_five(lab, before):
+    for k in (1, 2, 3, 4):
+        (lab.folder / f'a/{k}.tum').write_text('')
+    (one,) = compared(lab.score('a, gates: {success_rate: {min: 0}}'), before).sequences
+    (comparison,) = one.comparisons
+    assert comparison.worse
+    assert comparison.missing == 4
+
+
+def test_more_runs_are_needed_for_a_p_than_there_are(lab, before):
+    lab.runs('a', 0.13, 0.14, 0.12, 0.135, 0.125)
+    result = compared(lab.score(f'a, compare: {{{ATE}: {{p: 0.001}}}}'), before)
+    assert result.passed
+    assert result.notes == (
+        f'a: 5 and 5 runs cannot show {ATE} to be worse with p: 0.001; the least that they can '
+        'have is 0.004',
+    )
+
+
+def test_a_mean_that_says_the_opposite_of_the_median_is_told(lab):
+    lab.runs('a', 0.1, 0.1, 0.1, 0.49)
+    before = baseline_of(lab.score('a'))
+    lab.runs('a', 0.12, 0.12, 0.12, 0.12)
+    result = compared(lab.score('a'), before)
+    assert result.passed
+    (note,) = result.notes
+    assert note.startswith(
+        f'a: the median of {ATE} is worse by more than is allowed, but its mean'
+    )
+
+
 def test_missing_and_new_sequences_are_told(lab, before):
     lab.runs('b', 0.1)
     result = compared(lab.score('b'), before)
@@ -316,6 +412,29 @@ def test_another_ground_truth_is_another_condition(lab, before):
         compared(lab.score('a'), before)
     result = compared(lab.score('a'), before, ['ground_truth'])
     assert result.notes == ('compared in spite of: a: the ground truth is another',)
+
+
+def test_a_truth_that_is_read_otherwise_is_another_condition(lab, before):
+    suite = lab.suite('a')
+    suite.write_text(suite.read_text().replace('gt.tum', '"gt.tum?invert=rotation"'))
+    result = scoring.score_suite(scoring.Suite.load(suite), 2)
+    problem = r"a: the ground truth was all of its file, is '\?invert=rotation'"
+    with pytest.raises(ConfigError, match=problem):
+        compared(result, before)
+    assert compared(result, before, ['ground_truth']).notes[0].startswith('compared in spite of')
+
+
+def test_another_topic_of_the_same_recording_is_another_truth(lab):
+    write_recording(simulate(duration_s=3.0), lab.folder / 'flight')
+
+    def score(truth: str) -> SuiteResult:
+        suite = lab.suite('a, recording: flight, estimate: /vio/odometry')
+        suite.write_text(suite.read_text().replace('gt.tum', truth))
+        return scoring.score_suite(scoring.Suite.load(suite), 1)
+
+    before = baseline_of(score('/ground_truth/pose'))
+    with pytest.raises(ConfigError, match="was '/ground_truth/pose', is '/vio/odometry'"):
+        compared(score('/vio/odometry'), before)
 
 
 def test_a_truth_that_every_recording_brings_is_no_other_truth(lab, leica_recording):

@@ -137,6 +137,52 @@ def test_a_recording_may_be_shared_and_files_may_come_beside_it(folder):
     assert [run.causal for run in sequence.runs] == [run.estimate for run in sequence.runs]
 
 
+@pytest.mark.parametrize(
+    ('estimate', 'causal'),
+    [
+        ('est/*.tum', 'first/*_causal.tum'),
+        ('est/[!x]*.tum', 'first/?*_causal.tum'),
+        ('est/**/*.tum', 'first/**/*_causal.tum'),
+        ('es*/*.tum', 'firs*/*_causal.tum'),
+    ],
+)
+def test_runs_are_paired_by_what_their_wildcards_stand_for(folder, estimate, causal):
+    # sorted by name 10_causal comes before 1_causal, and 1.tum before 10.tum
+    for name in ('1', '2', '10'):
+        for path in (f'est/{name}.tum', f'first/{name}_causal.tum'):
+            (folder / path).parent.mkdir(exist_ok=True)
+            (folder / path).touch()
+    (sequence,) = load(
+        folder, one(f'causal: {causal}').replace('runs/two.tum', estimate)
+    ).sequences
+    assert [run.name for run in sequence.runs] == ['est/1.tum', 'est/10.tum', 'est/2.tum']
+    for run in sequence.runs:
+        assert run.causal == run.estimate.replace('est/', 'first/').replace('.tum', '_causal.tum')
+
+
+def test_recordings_and_files_beside_them_are_paired_too(folder):
+    for name in ('a_1.mcap', 'a_10.mcap', 'est/x1.tum', 'est/x10.tum'):
+        (folder / name).parent.mkdir(exist_ok=True)
+        (folder / name).touch()
+    more = 'recording: a_*.mcap'
+    text = one(more).replace('runs/two.tum', 'est/x*.tum').replace('gt.tum', '/gt')
+    (sequence,) = load(folder, text).sequences
+    assert {run.name: run.recording.name for run in sequence.runs} == {
+        'est/x1.tum': 'a_1.mcap', 'est/x10.tum': 'a_10.mcap'
+    }  # fmt: skip
+
+
+def test_runs_that_do_not_belong_together_are_refused(folder):
+    for path in ('est/1.tum', 'est/2.tum', 'first/2.tum', 'first/3.tum'):
+        (folder / path).parent.mkdir(exist_ok=True)
+        (folder / path).touch()
+    text = one('causal: first/*.tum').replace('runs/two.tum', 'est/*.tum')
+    assert (
+        'line 4: causal: none of its matches belongs to est/1.tum of estimate: wildcards of both '
+        "must stand for the same, here '1'"
+    ) in complaint(folder, text)
+
+
 def test_a_path_with_the_signs_of_a_glob_in_it_is_that_path(folder):
     (folder / 'runs/[old]').mkdir()
     (folder / 'runs/[old]/1.tum').touch()
@@ -251,6 +297,10 @@ GLOB = 'runs/one/*.tum'
         (BOUNDS, '{max: low}', "line 2: gate ate_trans_rmse_m: 'low' is no finite number"),
         (BOUNDS, '{warn: 0.2}', 'line 2: gate ate_trans_rmse_m: warn goes with'),
         (BOUNDS, '{max: 0.3, warn: 0.4}', 'line 2: gate ate_trans_rmse_m: beyond warn'),
+        (BOUNDS, '{max: 0.1, min: 0.2}', 'line 2: gate ate_trans_rmse_m: nothing is at least 0.2'),
+        ('coverage_ratio: {min: 0.5', 'success_rate: {min: 2', 'nothing is at least 2 and at mo'),
+        ('gt.tum\n    options', 'no.tum\n    options', 'line 10: ground_truth: there is no '),
+        ('gt.tum\n    options', '/gt\n    options', 'line 10: ground_truth: there is no /gt'),
         (BOUNDS, '{max: 0.3, of: best}', 'line 2: gate ate_trans_rmse_m: of is median or worst'),
         (f'{{ate_trans_rmse_m: {BOUNDS}}}', '[a]', 'line 2: gates: a mapping is expected'),
     ],
@@ -272,6 +322,7 @@ def test_what_is_wrong_is_named_with_its_line(folder, old, new, problem):
         ('compare: {sim3_scale: {relative: 0.1}}', 'neither more nor less of it is worse'),
         ('modality: lidar', 'modality is one of mono, stereo, mono-inertial, stereo-inertial'),
         ('recording: "*.mcap"', "recording: nothing matches '*.mcap'"),
+        ('recording: runs/two.tum', 'recording: nothing is read of it, no topic is named'),
         ('stack: {comit: 4f2a9c1}', "stack: there is no 'comit' here; did you mean 'commit'?"),
         ('stack: {version: 2.1}', "stack: version: '2.1' is no text; put it into quotes"),
         ('stack: {config: {a: b}}', 'stack: config: a list of files is expected'),
@@ -320,10 +371,16 @@ def test_the_band_of_a_modality_goes_over_that_of_the_sequence(folder):
     (folder / 'bands.yaml').write_text(
         'one: {good: 1, plausible: 2, failed: 3, mono: {good: 4, plausible: 5, failed: 1e1}}'
     )
-    for modality, good, failed in (('mono', 4, 10), ('stereo', 1, 3)):
-        (sequence,) = load(folder, one(f'bands: bands.yaml\n  modality: {modality}')).sequences
+    for more, good, failed in (('modality: mono', 4, 10), ('tags: []', 1, 3)):
+        (sequence,) = load(folder, one(f'bands: bands.yaml\n  {more}')).sequences
         assert sequence.band is not None
         assert (sequence.band['good'], sequence.band['failed']) == (good, failed)
+
+
+def test_there_is_no_band_for_sensors_of_which_the_file_knows_nothing(folder):
+    (folder / 'bands.yaml').write_text('one: {good: 1, plausible: 2, failed: 3}')
+    (sequence,) = load(folder, one('bands: bands.yaml\n  modality: stereo')).sequences
+    assert sequence.band is None
 
 
 def test_values_are_set_from_outside(folder):
@@ -356,7 +413,7 @@ def test_a_name_with_a_dot_can_be_set_too(folder):
         ('options.alignment', 'write KEY=VALUE'),
         ('=se3', 'write KEY=VALUE'),
         ('options..alignment=se3', 'write KEY=VALUE'),
-        ('options.alignment=[', 'not valid YAML'),
+        ('options.alignment=[', "--set 'options.alignment=[': not valid YAML"),
         ('options.alignment=!!python/object:os.system x', 'not valid YAML'),
         ('options.alignment=se', "--set 'options.alignment=se': alignment: 'se' is not one of"),
         ('options.alinment=se3', "--set 'options.alinment=se3': unknown option 'alinment'; did"),
@@ -366,7 +423,7 @@ def test_a_name_with_a_dot_can_be_set_too(folder):
         ('sequences.two=3', 'NAME one of one, two'),
         ('sequences.two.name=one', "--set 'sequences.two.name=one': there are two sequences"),
         ('gates.ate_trans_rmse_m.max=low', "'low' is no finite number"),
-        ('gates={a: {max: 1}, a: {max: 2}}', "'a' is there already"),
+        ('gates={a: {max: 1}, a: {max: 2}}', "2}}': 'a' is there already"),
     ],
 )
 def test_what_cannot_be_set_is_named_with_the_option(folder, override, problem):
@@ -404,7 +461,8 @@ def euroc(tmp_path) -> Path:
         (tmp_path / name).parent.mkdir()
         shutil.copy(ROOT / 'config' / name, tmp_path / name)
     for name in EUROC:
-        (tmp_path / 'suites/runs' / name).mkdir(parents=True)
+        for folder in ('runs', 'gt'):
+            (tmp_path / 'suites' / folder / name).mkdir(parents=True)
         (tmp_path / 'suites/runs' / name / '0.tum').touch()
     return tmp_path / 'suites/euroc.yaml'
 
@@ -431,9 +489,18 @@ def test_a_monocular_system_on_euroc_is_good_with_more(euroc):
         Suite.load(euroc, ['modality=mono-inertial']).sequences,
         strict=True,
     ):
+        if stereo.name == 'V2_03':  # which the paper leaves out
+            assert mono.band is None
+            continue
         assert mono.band['good'] >= stereo.band['good']
         assert mono.band['plausible'] >= stereo.band['plausible']
         assert mono.band['failed'] == stereo.band['failed']
+
+
+@pytest.mark.parametrize('modality', ['mono', 'stereo'])
+def test_nothing_is_said_of_systems_on_euroc_that_have_no_imu(euroc, modality):
+    for sequence in Suite.load(euroc, [f'modality={modality}']).sequences:
+        assert sequence.band is None
 
 
 DOCUMENT = (ROOT / 'docs/scoring.md').read_text()
@@ -453,7 +520,8 @@ def test_every_key_and_report_is_documented():
 
 @pytest.mark.parametrize('example', re.findall(r'```yaml\n(.*?)```', DOCUMENT, re.DOTALL))
 def test_the_examples_of_the_documents_load(folder, example):
-    for path in ('runs/V1_02/0.tum', 'bags/MH_05_1.mcap'):
+    truths = ('gt/V1_02/data.csv', 'gt/MH_05/data.csv')
+    for path in ('runs/V1_02/0.tum', 'bags/MH_05_1.mcap', *truths):
         (folder / path).parent.mkdir(parents=True, exist_ok=True)
         (folder / path).touch()
     assert load(folder, example if 'sequences:' in example else example + one('tags: []'))

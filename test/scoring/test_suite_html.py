@@ -140,12 +140,15 @@ def test_the_median_run_is_the_one_that_is_shown(result, report, parsed):
     summaries = [text for _, text in parsed(report).of('summary')]
     assert f'Where and when: {name}, the median run' in summaries
     assert 'Where and when: lost/1.tum' in summaries
+    # of which the error is the least
+    assert 'Where and when: lost/0.tum, the worst run' in summaries
 
 
 def test_the_figures_are_such_as_plotly_knows(report, parsed):
     figures = parsed(report).figures
     # all runs; per sequence the runs where there are several, and three plots of one that is there
-    assert len(figures) == 1 + (1 + 3) * 3 + 0 + 3
+    # and of the worst
+    assert len(figures) == 1 + (1 + 3 + 3) * 3 + 0 + 3
     for figure in figures:
         go.Figure(figure)
 

@@ -21,7 +21,7 @@ from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names, running_series
 from vio_eval_ros.core.gates import check_names, Gate
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.recordings.sources import Source
+from vio_eval_ros.recordings.sources import Source, Spec
 from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.result import Result
 from vio_eval_ros.reports.tables import series_csv
@@ -120,7 +120,7 @@ def _replay(arguments: argparse.Namespace) -> int:
 
     estimate, truth = sources_of(arguments)
     targets = [*reports, *(target for target in (series, manifest) if target)]
-    check_targets(targets, [*estimate.paths, *truth.paths])
+    check_targets(targets, [*estimate.paths, *truth.paths, *_documents(arguments)])
     formats = {target.format for target in targets}
     hashed = arguments.json or not formats.isdisjoint(HASHED)
     result = score_run(estimate, truth, config, gates, hashed)
@@ -138,6 +138,14 @@ def _replay(arguments: argparse.Namespace) -> int:
     if not all(done):
         return UNABLE
     return FAILED if result.passed is False else PASSED
+
+
+def _documents(arguments: argparse.Namespace) -> list[Path]:
+    """Return what is read beside poses, and the recording as a whole."""
+    specs = (Spec.parse(spec) for spec in (arguments.estimate, arguments.ground_truth) if spec)
+    named = [arguments.recording, arguments.config, arguments.gates, *(one.path for one in specs)]
+    listed = [*(arguments.stack_config or ()), *(arguments.calibration or ())]
+    return [path for path in (*named, *listed) if path is not None]
 
 
 def _series(

@@ -14,7 +14,7 @@ from vio_eval_ros.cli.shell import complain, FAILED, Parser, PASSED, run, UNABLE
 from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.reports.text import printable
-from vio_eval_ros.scoring.baseline import Baseline, CONDITIONS, definition_sha256, Recorded
+from vio_eval_ros.scoring.baseline import Baseline, CONDITIONS, definition_sha256
 from vio_eval_ros.scoring.documents import SUITE_REPORTS, suite_text
 from vio_eval_ros.scoring.manifest import manifest_of_suite
 from vio_eval_ros.scoring.scoring import compared, score_suite, SuiteResult
@@ -108,14 +108,15 @@ def _score(arguments: argparse.Namespace) -> int:
         return _verify(arguments)
     if arguments.suite is None:
         raise ConfigError('give a SUITE.yaml, or a manifest to --verify')
+    if arguments.accept and arguments.baseline is None:
+        raise ConfigError('--accept goes with --baseline')
     if arguments.jobs < 1:
         raise ConfigError('--jobs: at least 1 is needed')
     suite = Suite.load(arguments.suite, arguments.set, arguments.tags)
     outputs = _outputs(arguments, suite)
     baseline = None if arguments.baseline is None else Baseline.load(arguments.baseline)
     if baseline is not None:  # before hours of scoring, what can be known by then
-        conditions = {one.name: Recorded(one.config.to_dict()) for one in suite.sequences}
-        baseline.check(conditions, arguments.accept)
+        baseline.check({one.name: one.conditions for one in suite.sequences}, arguments.accept)
     result = score_suite(suite, arguments.jobs, _progress)
     if baseline is not None:
         result = compared(result, baseline, arguments.accept)
@@ -152,8 +153,13 @@ def _verify(arguments: argparse.Namespace) -> int:
             raise ConfigError(f'--verify goes alone, without {name.replace("_", "-")}')
     found = verify(arguments.verify, _progress)
     lines = [*found.differences, *(f'note: {note}' for note in found.notes)]
-    verdict = 'not reproduced' if found.differences else 'reproduced to the last bit'
-    lines.append(f'{verdict}: {found.reproduced} of {found.runs} runs are as they were')
+    runs = f'{found.reproduced} of {found.runs} runs are as they were'
+    if not found.differences:
+        lines.append(f'reproduced to the last bit: {runs}')
+    elif found.reproduced < found.runs:
+        lines.append(f'not reproduced: {runs}')
+    else:
+        lines.append(f'not reproduced: {runs}, what was judged of them is not')
     print('\n'.join(printable(line) for line in lines), flush=True)
     return FAILED if found.differences else PASSED
 

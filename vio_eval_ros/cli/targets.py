@@ -43,17 +43,27 @@ class Target(NamedTuple):
     def of(cls, name: str, path: Path) -> Target:
         """Return the target, in a folder that is there."""
         if not path.parent.is_dir():
-            raise ConfigError(f"'{name}:{path}': there is no folder {path.parent}")
+            raise ConfigError(f"'{path}': there is no folder {path.parent}")
         return cls(name, path)
 
 
 def check_targets(targets: Sequence[Target], inputs: Sequence[Path]) -> None:
-    """Raise ``ConfigError`` where two reports, or a report and an input, are the same file."""
+    """
+    Check that each report is a file of its own.
+
+    :raises ConfigError: two reports, or a report and an input, are the same file, or it would go
+        into a folder that is an input.
+    """
+    folders = {path.resolve(): path for path in inputs if path.is_dir()}
     taken = {path.resolve(): f'the input {path}' for path in inputs}
     for target in targets:
         path = target.path.resolve()
         if path in taken and (path.is_file() or not path.exists()):
             raise ConfigError(f'{target.format}:{target.path} would overwrite {taken[path]}')
+        for folder in folders.keys() & set(path.parents):
+            raise ConfigError(
+                f'{target.format}:{target.path} would be written into the input {folders[folder]}'
+            )
         taken[path] = f'{target.format}:{target.path}'
 
 

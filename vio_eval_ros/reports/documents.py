@@ -5,11 +5,14 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 import math
+import re
 
 from vio_eval_ros.core.statistics import STATISTICS
 from vio_eval_ros.reports.result import Result
 from vio_eval_ros.reports.text import number, percent, printable, rows
 
+#: what makes a link of bare text
+LINK = re.compile(r':(?=//)|(?<=www)\.', re.IGNORECASE)
 MARKS = {'pass': 'pass', 'warn': '⚠ warn', 'fail': '**fail**'}
 
 
@@ -31,22 +34,26 @@ def junit_report(result: Result) -> str:
         )
         for verdict in result.verdicts
     ] or [('evaluated', None)]
-    return junit([(result.estimate.source, result.summary.metrics, cases)])
+    summary = result.summary
+    return junit([(result.estimate.source, summary.metrics, cases, summary.warnings)])
 
 
 def junit(
-    suites: Iterable[tuple[str, Mapping[str, float], Sequence[tuple[str, str | None]]]],
+    suites: Iterable[
+        tuple[str, Mapping[str, float], Sequence[tuple[str, str | None]], Sequence[str]]
+    ],
 ) -> str:
     """
     Return JUnit XML.
 
-    :param suites: name, metrics and cases of each; a case has a name and why it failed, or None.
+    :param suites: name, metrics, cases and warnings of each; a case has a name and why it failed,
+        or None.
     """
     from xml.etree import ElementTree
 
     root = ElementTree.Element('testsuites', name='vio_eval_ros')
     totals: Counter[str] = Counter()
-    for title, metrics, cases in suites:
+    for title, metrics, cases, warnings in suites:
         failures = sum(failure is not None for _, failure in cases)
         counts = {'tests': len(cases), 'failures': failures, 'errors': 0, 'skipped': 0}
         totals.update(counts)
@@ -62,6 +69,9 @@ def junit(
                 ElementTree.SubElement(
                     case, 'failure', message=failure, type='gate'
                 ).text = failure
+        if warnings:
+            output = '\n'.join(f'warning: {printable(warning)}' for warning in warnings)
+            ElementTree.SubElement(suite, 'system-out').text = output
     del totals['skipped']  # which the schema has for suites only
     for key, value in _texts(totals).items():
         root.set(key, value)
@@ -102,4 +112,5 @@ def markdown_report(result: Result) -> str:
 
 def escaped(text: str) -> str:
     """Return text without anything that Markdown or HTML would take as its own."""
-    return ''.join(f'\\{c}' if c in '\\`*_[]<>&|#~$@' else c for c in printable(text))
+    text = ''.join(f'\\{c}' if c in '\\`*_[]<>&|#~$@' else c for c in printable(text))
+    return LINK.sub(r'\\\g<0>', text)

@@ -12,10 +12,12 @@ from vio_eval_ros import __version__
 from vio_eval_ros.core.association import Stream
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Summary
-from vio_eval_ros.core.gates import Verdict
+from vio_eval_ros.core.gates import Gate, judge, Verdict
 from vio_eval_ros.core.trajectory import Trajectory
 
 SCHEMA = 'vio_eval_ros.result/1'
+#: what a run must keep to be a success: it covers enough, and did not diverge
+SUCCESS_GATES = (Gate('coverage_ratio', '>=', 0.9), Gate('ate_extent_ratio', '<=', 0.5))
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,6 +83,7 @@ class Result:
     def to_dict(self) -> dict[str, Any]:
         """Return the result as schema ``vio_eval_ros.result/1`` has it: no NaN, but None."""
         alignment = self.summary.alignment
+        success = judge(SUCCESS_GATES, self.summary.metrics)
         result = {
             'schema': SCHEMA,
             'tool': {'name': 'vio_eval_ros', 'version': __version__},
@@ -100,6 +103,8 @@ class Result:
             'metrics': self.summary.metrics,
             'warnings': self.summary.warnings,
             'gates': [verdict.to_dict() for verdict in self.verdicts],
+            'success': all(verdict.passed for verdict in success),
+            'success_gates': [verdict.to_dict() for verdict in success],
             'verdict': {True: 'pass', False: 'fail', None: None}[self.passed],
         }
         return {name: without_nan(value) for name, value in result.items()}

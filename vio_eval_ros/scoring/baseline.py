@@ -18,6 +18,7 @@ from itertools import combinations
 import json
 import math
 from pathlib import Path
+import re
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,7 +27,7 @@ from vio_eval_ros import __version__
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
-from vio_eval_ros.core.trajectory import Trajectory
+from vio_eval_ros.core.trajectory import LARGEST, Trajectory
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.settings import finite
 
@@ -36,6 +37,9 @@ RESAMPLES = 9999
 SEED = 0
 CONFIDENCE = 0.95
 TRIMMED = 0.2
+USUAL_P = 0.05
+#: what stands for no number where one is needed to compute with, times the largest that there is
+NO_NUMBER = 1e3
 MOST_NAMED = 3
 #: what a baseline can have been made with otherwise, and still be compared on demand
 CONDITIONS = ('options', 'ground_truth', 'definition')
@@ -57,7 +61,7 @@ class Rule(NamedTuple):
     relative: float = 0.16
     absolute: float = 0.0
     mad: float = 0.0
-    p: float = 0.05
+    p: float = USUAL_P
 
     @classmethod
     def of(cls, metric: str, limits: Any) -> Rule:
@@ -118,14 +122,16 @@ class Comparison:
     """
     A metric of the candidate beside that of the baseline.
 
-    :param difference: of the medians, candidate minus baseline.
+    :param missing: runs of the candidate without a number, each worse than any other.
+    :param difference: of the medians, candidate minus baseline; NaN where one has none.
     :param allowed: by how much it may be worse.
-    :param p_value: one-sided; NaN where there are too few runs for any to be below the rule's.
+    :param p_value: one-sided; NaN where there are too few runs to tell.
     """
 
     rule: Rule
     baseline: Distribution
     candidate: Distribution
+    missing: int
     difference: float
     allowed: float
     p_value: float
@@ -134,9 +140,20 @@ class Comparison:
     @cached_property
     def interval(self) -> tuple[float, float]:
         """Bootstrap confidence interval (95 %) of the difference; NaN of single runs."""
-        if min(len(self.baseline.values), len(self.candidate.values)) < 2:
+        if self.missing or min(len(self.baseline.values), len(self.candidate.values)) < 2:
             return math.nan, math.nan
         return _interval(self.baseline.values, self.candidate.values)
+
+    @property
+    def least_p_value(self) -> float:
+        """The smallest p-value that so many runs can have."""
+        return _least_p_value(len(self.baseline.values), len(self.candidate.values) + self.missing)
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the median is worse by too much, and what is tested is better all the same."""
+        way = sign(self.rule.metric)
+        return not self.worse and way * self.difference > self.allowed and self.p_value > 0.5
 
     def to_dict(self) -> dict[str, Any]:
         """Return the comparison as results have it."""
@@ -144,6 +161,7 @@ class Comparison:
             'metric': self.rule.metric,
             'baseline': self.baseline.to_dict(),
             'candidate': self.candidate.to_dict(),
+            'missing': self.missing,
             'difference': self.difference,
             'relative_difference': self.difference / self.baseline.median
             if self.baseline.median
@@ -155,24 +173,36 @@ class Comparison:
         }
 
 
-def compare(rule: Rule, baseline: Sequence[float], candidate: Sequence[float]) -> Comparison:
+def compare(
+    rule: Rule, baseline: Sequence[float], candidate: Sequence[float], missing: int = 0
+) -> Comparison:
     """
     Return whether a metric is worse than the baseline's, beyond the noise of both.
 
-    Where the candidate has no number at all and the baseline had one, it is worse. With so few
-    runs that no outcome could be significant (one and one, say), the limits of the rule decide.
+    Where most runs of the candidate have no number and the baseline had one, it is worse. With so
+    few runs that no outcome could be significant (one and one, say), the limits of the rule
+    decide.
+
+    :param missing: runs of the candidate that have no number.
     """
+    way = sign(rule.metric)
     old, new = Distribution(tuple(baseline)), Distribution(tuple(candidate))
-    difference = new.median - old.median
+    all_new = Distribution((*new.values, *[way * math.inf] * missing))
+    difference = all_new.median - old.median
     allowed = max(rule.relative * abs(old.median), rule.absolute, rule.mad * old.mad)
     p_value = math.nan
-    if not old.values or not new.values:
-        worse = bool(old.values)
+    if not math.isfinite(difference):
+        difference, worse = math.nan, bool(old.values)
     else:
-        if 1 / math.comb(len(old.values) + len(new.values), len(new.values)) <= rule.p:
-            p_value = _p_value(sign(rule.metric), old.values, new.values)
-        worse = sign(rule.metric) * difference > allowed and not p_value > rule.p
-    return Comparison(rule, old, new, difference, allowed, p_value, worse)
+        if _least_p_value(len(old.values), len(all_new.values)) <= USUAL_P:
+            p_value = _p_value(way, old.values, all_new.values)
+        worse = way * difference > allowed and not p_value > rule.p
+    return Comparison(rule, old, new, missing, difference, allowed, p_value, worse)
+
+
+def _least_p_value(old: int, new: int) -> float:
+    """Return the smallest p-value that so many runs can have."""
+    return 1 / math.comb(old + new, new)
 
 
 def _p_value(worse: int, old: Sequence[float], new: Sequence[float]) -> float:
@@ -183,6 +213,8 @@ def _p_value(worse: int, old: Sequence[float], new: Sequence[float]) -> float:
     apart as much; where there are more than RESAMPLES ways, of as many random ones.
     """
     values, size = np.array([*new, *old]), len(new)
+    most = np.abs(values[np.isfinite(values)]).max()
+    values = np.clip(values, -NO_NUMBER * most, NO_NUMBER * most)
     if math.comb(len(values), size) <= RESAMPLES:
         first = np.array(list(combinations(range(len(values)), size)))
         others = np.ones((len(first), len(values)), bool)
@@ -223,11 +255,13 @@ class Recorded:
 
     :param ground_truth_sha256: None where each run has its own, in its recording.
     :param metrics: the values of all runs; none at all where no run could be scored.
+    :param ground_truth: which topic it is, and what is stated of it; None where that is not known.
     """
 
     options: Mapping[str, Any]
     ground_truth_sha256: str | None = None
     metrics: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    ground_truth: str | None = None
 
     @classmethod
     def of(cls, content: Mapping[str, Any]) -> Recorded:
@@ -237,10 +271,13 @@ class Recorded:
             for metric, of in content['metrics'].items()
         }
         for metric, values in metrics.items():
-            if not values or any(map(math.isnan, values)):
+            if not values or not all(abs(value) < LARGEST for value in values):
                 raise ValueError(f'{metric} has values that are no numbers, or none')
-        truth = content['ground_truth_sha256']
-        return cls(dict(content['options']), truth if truth is None else str(truth), metrics)
+        digest, stated = (
+            None if truth is None else str(truth)
+            for truth in (content['ground_truth_sha256'], content.get('ground_truth'))
+        )
+        return cls(dict(content['options']), digest, metrics, stated)
 
     def differences(self, now: Recorded) -> Iterator[tuple[str, str]]:
         """Yield which condition is another now, and how."""
@@ -248,8 +285,12 @@ class Recorded:
             before, after = self.options.get(key), now.options.get(key)
             if before != after:
                 yield 'options', f'{key} was {before}, is {after}'
+        stated = self.ground_truth, now.ground_truth
         both_scored = self.metrics and now.metrics
-        if both_scored and self.ground_truth_sha256 != now.ground_truth_sha256:
+        if None not in stated and stated[0] != stated[1]:
+            was, is_now = (f"'{text}'" if text else 'all of its file' for text in stated)
+            yield 'ground_truth', f'the ground truth was {was}, is {is_now}'
+        elif both_scored and self.ground_truth_sha256 != now.ground_truth_sha256:
             yield 'ground_truth', 'the ground truth is another'
 
 
@@ -281,9 +322,7 @@ class Baseline:
         except OSError as error:
             raise ReadError(file, error.strerror or str(error)) from None
         except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-            raise ReadError(
-                file, f'is no baseline, or a damaged one ({type(error).__name__}: {error})'
-            ) from None
+            raise ReadError(file, f'is no baseline, or a damaged one ({damage(error)})') from None
 
     def to_json(self) -> str:
         """Return the baseline as its file has it."""
@@ -295,6 +334,7 @@ class Baseline:
                 name: {
                     'options': dict(one.options),
                     'ground_truth_sha256': one.ground_truth_sha256,
+                    'ground_truth': one.ground_truth,
                     'metrics': {
                         metric: {
                             'values': list(values),
@@ -346,41 +386,61 @@ class Baseline:
         return [text for _, text in texts]
 
 
+def damage(error: Exception) -> str:
+    """Return in a few words what is wrong with a file that was thought to be one of ours."""
+    if isinstance(error, KeyError):
+        return f'there is no {error!s:.100} in it'
+    if isinstance(error, (ValueError, ConfigError)):
+        return f'{error!s:.200}'
+    return 'a part of it is of another kind'
+
+
 def definition_sha256() -> dict[str, str]:
     """
     Return a fingerprint of what each metric means: of the values that a made-up run gets.
 
-    Four digits of them, so that machines and versions agree that differ in the last bits.
+    Four digits of them, so that machines and versions agree that differ in the last bits. Metrics
+    of a delta or a length have one for each kind: ``rpe_*s_trans_rmse_m``, whatever the seconds.
     """
     stamps_ns = np.arange(400) * 50_000_000
     seconds = stamps_ns[:, None] / 1e9
-    positions = np.hstack([np.sin(seconds), np.cos(0.7 * seconds), np.sin(0.3 * seconds)]) * 5
+    positions = np.hstack([np.sin(seconds), np.cos(0.7 * seconds), np.sin(0.3 * seconds)]) * 70
     turns = rotation.from_rotation_vector(np.hstack([0.3 * seconds, np.sin(seconds), 0 * seconds]))
     truth = Trajectory(stamps_ns, positions, turns)
-    wobble = rotation.from_rotation_vector(0.02 * np.sin([7.0, 5.0, 3.0] * seconds))
-    covariances = np.tile(0.01 * np.eye(3), (400, 2, 1, 1))
-    estimate = Trajectory(
-        stamps_ns + 3_000_000,
-        1.05 * positions + 0.05 * np.cos([5.0, 3.0, 8.0] * seconds),
-        rotation.multiply(wobble, turns),
-        covariances,
-    )[::2]
+
+    def estimate(scale: float) -> Trajectory:
+        wobble = rotation.from_rotation_vector(0.02 * np.sin([7.0, 5.0, 3.0] * seconds))
+        moved = scale * positions + 0.7 * np.cos([5.0, 3.0, 8.0] * seconds)
+        covariances = np.tile(0.01 * np.eye(3), (400, 2, 1, 1))
+        turned = rotation.multiply(wobble, turns)
+        return Trajectory(stamps_ns + 3_000_000, moved, turned, covariances)[::2]
+
+    def evaluated(config: EvaluationConfig, scale: float) -> Evaluation:
+        evaluation = Evaluation(config)
+        evaluation.add_estimate(estimate(scale))
+        evaluation.add_ground_truth(truth)
+        evaluation.flush()
+        return evaluation
+
     values: dict[str, list[str]] = {}
     for association in ('nearest', 'interpolate'):
         for alignment in ('none', 'posyaw', 'se3', 'sim3'):
             config = EvaluationConfig(
                 association=association,
                 alignment=alignment,
-                rpe_deltas=('1f', '0.5s', '3m', '20d'),
-                segment_lengths_m=(10.0,),
+                rpe_deltas=('1f', '0.5s', '30m', '20d'),
+                segment_lengths_m=(150.0,),
             )
-            evaluation = Evaluation(config)
-            evaluation.add_estimate(estimate)
-            evaluation.add_ground_truth(truth)
-            evaluation.flush()
+            evaluation = evaluated(config, 1.05)
+            evaluation.causal = evaluated(config, 1.1)
             for name, value in evaluation.summary().metrics.items():
-                values.setdefault(name, []).append(f'{value:.3e}')
+                values.setdefault(family(name), []).append(f'{value:.3e}')
     return {
         name: hashlib.sha256(' '.join(of_runs).encode()).hexdigest()
         for name, of_runs in values.items()
     }
+
+
+def family(metric: str) -> str:
+    """Return a metric with ``*`` in place of a number that the user chose."""
+    return re.sub(r'^(rpe|segment)_[0-9.]+(?=[fsmd]_)', r'\1_*', metric)

@@ -14,6 +14,7 @@ from vio_eval_ros.scoring.suite import RunsGate, SUCCESS_RATE
 from vio_eval_ros.scoring.tables import (
     ATE,
     broken_gate,
+    cautions,
     COLUMNS,
     problems,
     row_of,
@@ -29,6 +30,8 @@ LATEX = {
     'RPE 1 s [deg]': 'rpe_1s_rot_rmse_deg',
     'coverage': 'coverage_ratio',
 }
+#: what a cell begins with that a spreadsheet computes
+FORMULAS = ('=', '+', '-', '@')
 
 
 def suite_json(result: SuiteResult) -> str:
@@ -46,6 +49,7 @@ def suite_text(result: SuiteResult) -> str:
     lines = [*tabulate(rows, COLUMNS, 'simple', disable_numparse=True).splitlines(), '']
     for one in worst_first(result):
         lines += [f'{one.sequence.name}: {problem}' for problem in problems(one)]
+        lines += [f'{one.sequence.name}: warning: {caution}' for caution in cautions(one)]
     lines += [f'note: {note}' for note in result.notes]
     failed = sum(not one.passed for one in result.sequences)
     lines.append(
@@ -66,9 +70,9 @@ def suite_markdown(result: SuiteResult) -> str:
         '| ' + ' | '.join(map(escaped, row)) + ' |' for row in map(row_of, worst_first(result))
     ]
     details = [
-        f'- **{escaped(one.sequence.name)}**: {escaped(problem)}'
+        f'- **{escaped(one.sequence.name)}**: {told}'
         for one in worst_first(result)
-        for problem in problems(one)
+        for told in (*map(escaped, problems(one)), *(f'⚠ {escaped(c)}' for c in cautions(one)))
     ]
     notes = [f'- {escaped(note)}' for note in result.notes]
     return '\n'.join([*lines, '', *details, *notes]).rstrip() + '\n'
@@ -84,12 +88,18 @@ def suite_csv(result: SuiteResult) -> str:
     table.writerow(['sequence', 'estimate', 'metric', 'value'])
     for one in result.sequences:
         for run in one.runs:
-            metrics = {'error': run.error} if run.result is None else run.result.summary.metrics
-            for name, value in metrics.items():
-                shown = '' if isinstance(value, float) and math.isnan(value) else value
-                cells = (one.sequence.name, run.run.name, name, str(shown))
-                table.writerow(map(printable, cells))
+            names = _cell(one.sequence.name), _cell(run.run.name)
+            if run.result is None:
+                table.writerow([*names, 'error', _cell(run.error)])
+                continue
+            for name, value in run.result.summary.metrics.items():
+                table.writerow([*names, name, '' if math.isnan(value) else value])
     return text.getvalue()
+
+
+def _cell(text: str) -> str:
+    """Return a text that no spreadsheet takes for a formula."""
+    return f"'{printable(text)}" if text.startswith(FORMULAS) else printable(text)
 
 
 def suite_latex(result: SuiteResult) -> str:
@@ -108,7 +118,9 @@ def suite_latex(result: SuiteResult) -> str:
         for one in result.sequences
     ]
     heads = ['sequence', 'runs', *LATEX]
-    return tabulate(rows, heads, 'latex_booktabs', disable_numparse=True) + '\n'
+    lines = tabulate(rows, heads, 'latex_booktabs', disable_numparse=True).splitlines()
+    # behind the end of a row these would be its argument
+    return ''.join('{}' * line.lstrip().startswith(('[', '*')) + line + '\n' for line in lines)
 
 
 def suite_junit(result: SuiteResult) -> str:
@@ -127,7 +139,7 @@ def suite_junit(result: SuiteResult) -> str:
             for each in one.comparisons or ()
         ]
         values = {name: of.median for name, of in one.metrics.items()}
-        suites.append((one.sequence.name, values, cases))
+        suites.append((one.sequence.name, values, cases, list(cautions(one))))
     return junit(suites)
 
 

@@ -15,7 +15,7 @@ from vio_eval_ros.scoring.baseline import Comparison
 from vio_eval_ros.scoring.plots import marks, strips
 from vio_eval_ros.scoring.scoring import RunResult, SequenceResult, SuiteResult
 from vio_eval_ros.scoring.suite import RunsGate
-from vio_eval_ros.scoring.tables import ATE, COLUMNS, problems, row_of, worst_first
+from vio_eval_ros.scoring.tables import ATE, cautions, COLUMNS, problems, row_of, worst_first
 
 # of each of many runs
 MOST_POINTS = 1000
@@ -123,13 +123,14 @@ def _sequence(k: int, one: SequenceResult, worst: bool) -> Html:
             tag('span', f' ATE {number(ate.median)} m' if ate else ' not scored', class_='soft'),
         ),
         warnings(problems(one), 'warn' if one.passed else 'fail'),
+        warnings(cautions(one)),
         *_strips(one),
         _compared(one.comparisons or ()),
         tag('h3', 'Gates'),
         gate_rows((_name(gate), verdict) for gate, verdict in one.verdicts),
         tag('h3', 'Runs'),
         _runs(one),
-        _median_run(one, worst),
+        *_courses(one, worst),
         id=f'sequence-{k}',
         open=None if one.passed else 'open',
     )
@@ -202,21 +203,28 @@ def _runs(one: SequenceResult) -> Html:
     )
 
 
-def _median_run(one: SequenceResult, opened: bool) -> Html:
-    """Return where and when the run in the middle of all was wrong; nothing without runs."""
-    scored: list[tuple[float, str, Result]] = [
-        (run.result.summary.metrics[ATE], run.run.name, run.result)
-        for run in one.runs
-        if run.result is not None
-    ]
+def _courses(one: SequenceResult, opened: bool) -> Iterator[Html]:
+    """Yield where and when the median run was wrong, and the worst where something failed."""
+    scored = [(run, run.result) for run in one.runs if run.result is not None]
     if not scored:
-        return Html()
-    scored.sort(key=lambda run: (math.isnan(run[0]), *run[:2]))
-    _, name, result = scored[(len(scored) - 1) // 2]
-    of_many = ', the median run' if len(scored) > 1 else ''
+        return
+
+    def badness(run: RunResult, result: Result) -> tuple[bool, bool, float, str]:
+        ate = result.summary.metrics[ATE]
+        return not run.succeeded(one.sequence), math.isnan(ate), ate, run.run.name
+
+    by_ate = sorted(scored, key=lambda each: badness(*each)[1:])
+    median, worst = by_ate[(len(scored) - 1) // 2], max(scored, key=lambda each: badness(*each))
+    yield _course(*median, ', the median run' if len(scored) > 1 else '', opened)
+    if worst is not median and not (one.passed and worst[0].succeeded(one.sequence)):
+        yield _course(*worst, ', the worst run', False)
+
+
+def _course(run: RunResult, result: Result, which: str, opened: bool) -> Html:
+    """Return where and when a run was wrong, folded."""
     return tag(
         'details',
-        tag('summary', f'Where and when: {name}{of_many}'),
+        tag('summary', f'Where and when: {run.run.name}{which}'),
         warnings(result.summary.warnings),
         tag('section', course(result, MOST_POINTS), class_='run'),
         options(result),

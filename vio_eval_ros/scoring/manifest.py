@@ -84,12 +84,11 @@ class Stack:
         :param base: what the paths of its configuration are relative to.
         """
         check_stack(stated)
-        listed = stated.get('config') or []
         return cls(
             stated.get('name'),
             stated.get('version'),
             stated.get('commit'),
-            tuple(Document.read(base / path) for path in _paths(listed)),
+            tuple(Document.read(path) for path in config_paths(stated, base)),
             tuple(Document.read(path) for path in calibration),
         )
 
@@ -102,13 +101,16 @@ def check_stack(stated: Mapping[str, Any]) -> None:
             raise ConfigError(f"stack: there is no '{key}' here{near}")
         if key != 'config' and not isinstance(value, (str, type(None))):
             raise ConfigError(f"stack: {key}: '{value}' is no text; put it into quotes")
-    paths = _paths(stated.get('config') or [])
+    listed = stated.get('config') or []
+    paths = [listed] if isinstance(listed, (str, Path)) else listed
     if not isinstance(paths, list) or not all(isinstance(path, (str, Path)) for path in paths):
         raise ConfigError('stack: config: a list of files is expected')
 
 
-def _paths(listed: Any) -> Any:
-    return [listed] if isinstance(listed, (str, Path)) else listed
+def config_paths(stated: Mapping[str, Any], base: Path) -> list[Path]:
+    """Return the files of configuration that are stated of a stack, whose check it passed."""
+    listed = stated.get('config') or []
+    return [base / path for path in ([listed] if isinstance(listed, (str, Path)) else listed)]
 
 
 class ScoredRun(NamedTuple):
@@ -215,12 +217,13 @@ class Manifest:
     def _input(self, run: ScoredRun, text: str, read: Input | None) -> dict[str, Any]:
         """Return a spec that holds from the folder of the manifest, and its files."""
         spec = Spec.parse(text)
-        path = spec.path or run.recording
-        files = read.paths if read else [path] if path and path.is_file() else []
-        topic = f':{spec.topic}' if spec.topic else ''
+        path, topic = spec.path or run.recording, f':{spec.topic}' if spec.topic else ''
+        if path is None:  # an absolute path without a file is taken for a topic
+            path, topic = Path(str(spec.topic)), ''
+        files = read.paths if read else [path] if path.is_file() else []
         stated = '&'.join(f'{name}={value}' for name, value in spec.statements.items())
         return {
-            'spec': (self._path(path) if path else '') + topic + ('?' + stated if stated else ''),
+            'spec': self._path(path) + topic + ('?' + stated if stated else ''),
             'files': [{'path': self._path(file), 'sha256': self._sha256(file)} for file in files],
         }
 
@@ -263,6 +266,7 @@ def manifest_of_suite(
                     of.error,
                     of.run.recording,
                     of.run.causal,
+                    sequence.times,
                 )
                 for of in one.runs
             ]

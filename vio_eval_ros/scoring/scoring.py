@@ -4,21 +4,29 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable, Iterator, Mapping
 from contextlib import closing, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 import math
 from multiprocessing import get_context
 from multiprocessing.connection import Connection, wait
+from pathlib import Path
 import signal
 from typing import Any
 import warnings
 
 from vio_eval_ros import __version__
 from vio_eval_ros.core.gates import judge, Verdict
-from vio_eval_ros.errors import VioEvalError
+from vio_eval_ros.errors import ReadError, VioEvalError
 from vio_eval_ros.recordings.sources import read_sources, Source
 from vio_eval_ros.reports.result import Result, without_nan
-from vio_eval_ros.scoring.baseline import Baseline, compare, Comparison, Distribution, Recorded
+from vio_eval_ros.scoring.baseline import (
+    Baseline,
+    compare,
+    Comparison,
+    Distribution,
+    Recorded,
+    Rule,
+)
 from vio_eval_ros.scoring.run import score_run
 from vio_eval_ros.scoring.suite import Run, RunsGate, Sequence, SUCCESS_RATE, Suite
 
@@ -87,6 +95,11 @@ class SequenceResult:
         successes = sum(run.succeeded(self.sequence) for run in self.runs)
         return found | {SUCCESS_RATE: Distribution((successes / len(self.runs),))}
 
+    def compared(self, rule: Rule, baseline: Iterable[float]) -> Comparison:
+        """Return a metric beside what the runs of a baseline had."""
+        found = self.metrics.get(rule.metric, Distribution(())).values
+        return compare(rule, tuple(baseline), found, len(self.runs) - len(found))
+
     @cached_property
     def verdicts(self) -> list[tuple[RunsGate, Verdict]]:
         """The verdict of each gate over the runs."""
@@ -95,10 +108,10 @@ class SequenceResult:
     @property
     def band(self) -> str | None:
         """How the ATE compares with the literature: good, plausible, suspicious or failed."""
-        limits, of = self.sequence.band, self.metrics.get(BAND_METRIC)
+        limits = self.sequence.band
         if limits is None:
             return None
-        value = of.median if of else math.nan
+        value = self._of_all(BAND_METRIC, math.inf).median
         if value <= limits['good']:
             return 'good'
         if value <= limits['plausible']:
@@ -119,24 +132,25 @@ class SequenceResult:
     @property
     def recorded(self) -> Recorded:
         """What a baseline keeps of it."""
-        options = self.sequence.config.to_dict()
         scored = next((run.result for run in self.runs if run.result is not None), None)
         if scored is None:
-            return Recorded(options)
+            return self.sequence.conditions
         truth = None if self.sequence.truth_is_recorded else scored.ground_truth.sha256
-        return Recorded(
-            options, truth, {name: found.values for name, found in self.metrics.items()}
-        )
+        values = {name: found.values for name, found in self.metrics.items()}
+        return replace(self.sequence.conditions, ground_truth_sha256=truth, metrics=values)
 
     def _judged(self, gate: RunsGate) -> Verdict:
-        limit, values = gate.gate, self.metrics.get(gate.gate.metric, Distribution(()))
-        if gate.over == 'median':
-            value = values.median
-        elif limit.metric != SUCCESS_RATE and len(values.values) < len(self.runs):
-            value = math.nan  # of a run that has no number nothing is worse
-        else:
-            value = max(values.values) if limit.comparison == '<=' else min(values.values)
-        return Verdict(limit, value, limit.passes(value))
+        limit, is_ceiling = gate.gate, gate.gate.comparison == '<='
+        found = self._of_all(limit.metric, math.inf if is_ceiling else -math.inf)
+        worst = max if is_ceiling else min
+        value = found.median if gate.over == 'median' else worst(found.values)
+        return Verdict(limit, value if math.isfinite(value) else math.nan, limit.passes(value))
+
+    def _of_all(self, metric: str, worst: float) -> Distribution:
+        """Return a metric of all runs; than one that has no number, nothing is worse."""
+        found = self.metrics.get(metric, Distribution(())).values
+        runs = 1 if metric == SUCCESS_RATE else len(self.runs)
+        return Distribution((*found, *[worst] * (runs - len(found))))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the sequence as results have it."""
@@ -224,11 +238,8 @@ def compared(result: SuiteResult, baseline: Baseline, accepted: Iterable[str] = 
 def _compared(one: SequenceResult, baseline: Mapping[str, Recorded]) -> SequenceResult:
     if one.sequence.name not in baseline:
         return one
-    before, now = baseline[one.sequence.name].metrics, one.recorded.metrics
-    comparisons = [
-        compare(rule, before.get(rule.metric, ()), now.get(rule.metric, ()))
-        for rule in one.sequence.rules
-    ]
+    before = baseline[one.sequence.name].metrics
+    comparisons = [one.compared(rule, before.get(rule.metric, ())) for rule in one.sequence.rules]
     return SequenceResult(one.sequence, one.runs, comparisons)
 
 
@@ -237,13 +248,24 @@ def _unanswered(one: SequenceResult) -> Iterator[str]:
     if one.comparisons is None:
         yield 'not in the baseline'
     for each in one.comparisons or ():
-        before, now = each.baseline.values, each.candidate.values
+        metric, before = each.rule.metric, len(each.baseline.values)
+        runs = f'{before} and {len(one.runs)} runs'
         if not before:
-            yield f'no {each.rule.metric} in the baseline'
-        elif now and math.isnan(each.p_value):
+            yield f'no {metric} in the baseline'
+        elif math.isnan(each.p_value) and not math.isnan(each.difference):
             yield (
-                f'{len(before)} and {len(now)} runs are too few to tell chance from change; '
-                f'{each.rule.metric} is compared by its limits alone'
+                f'{runs} are too few to tell chance from change; '
+                f'{metric} is compared by its limits alone'
+            )
+        elif each.least_p_value > each.rule.p:
+            yield (
+                f'{runs} cannot show {metric} to be worse with p: {each.rule.p:g}; '
+                f'the least that they can have is {each.least_p_value:.2g}'
+            )
+        elif each.contradicted:
+            yield (
+                f'the median of {metric} is worse by more than is allowed, but its mean without '
+                'the outermost fifth, which is tested, is not: look at single runs'
             )
 
 
@@ -267,7 +289,12 @@ def score_suite(
         [
             SequenceResult(sequence, [next(ordered) for _ in sequence.runs])
             for sequence in suite.sequences
-        ]
+        ],
+        tuple(
+            f'{one.name}: {one.bands} has no limits for {one.modality}; no band is given'
+            for one in suite.sequences
+            if one.bands and one.modality and one.band is None
+        ),
     )
 
 
@@ -343,13 +370,16 @@ def _serve(work: list[tuple[Sequence, Run]], pipe: Connection, other_end: Connec
 def _score(sequence: Sequence, run: Run) -> RunResult:
     """Return the result of a run, or why there is none."""
     estimates = [run.estimate] if run.causal is None else [run.estimate, run.causal]
+    truth, times = sequence.ground_truth, sequence.times
     try:
         if sequence.truth_is_recorded:
-            *read, truth = read_sources([*estimates, sequence.ground_truth], run.recording)
+            *read, true = read_sources([*estimates, truth], run.recording, times)
         else:
-            read, truth = read_sources(estimates, run.recording), _truth(sequence.ground_truth)
+            read, true = read_sources(estimates, run.recording, times), _truth(truth, times)
+        if times is not None and not any(one.kind == 'kitti' for one in (*read, true)):
+            raise ReadError(times, 'times go with KITTI pose files, and there are none')
         estimate = read[0] if run.causal is None else read[0].revising(read[1])
-        return RunResult(run, score_run(estimate, truth, sequence.config))
+        return RunResult(run, score_run(estimate, true, sequence.config))
     except (VioEvalError, OSError) as error:
         problem = str(error)
     except Exception as error:
@@ -358,6 +388,6 @@ def _score(sequence: Sequence, run: Run) -> RunResult:
 
 
 @lru_cache(maxsize=2)
-def _truth(spec: str) -> Source:
+def _truth(spec: str, times: Path | None) -> Source:
     """Return the ground truth, which runs of a sequence share."""
-    return read_sources([spec])[0]
+    return read_sources([spec], None, times)[0]

@@ -28,25 +28,28 @@ from typing import Any, NamedTuple
 from vio_eval_ros.core.config import EvaluationConfig, nearest_name
 from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.core.gates import Gate
-from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings.sources import Spec
-from vio_eval_ros.scoring.baseline import Rule
-from vio_eval_ros.scoring.manifest import check_stack
+from vio_eval_ros.reports.result import SUCCESS_GATES
+from vio_eval_ros.scoring.baseline import Recorded, Rule
+from vio_eval_ros.scoring.manifest import check_stack, config_paths
 from vio_eval_ros.settings import finite, load_yaml, parse_yaml, Section
 
 SHARED_KEYS = ('options', 'gates', 'compare', 'bands', 'modality', 'tags', 'stack', 'calibration')
-SEQUENCE_KEYS = ('name', 'estimate', 'causal', 'ground_truth', 'recording', *SHARED_KEYS)
+SEQUENCE_KEYS = (
+    'name', 'estimate', 'causal', 'ground_truth', 'recording', 'times', *SHARED_KEYS,
+)  # fmt: skip
 SUCCESS_RATE = 'success_rate'
 #: what keeps a lost track from winning; a suite may set other limits, but not leave them out
-DEFAULT_GATES = (
-    Gate('coverage_ratio', '>=', 0.9),
-    Gate('ate_extent_ratio', '<=', 0.5),
-    Gate(SUCCESS_RATE, '>=', 1.0),
-)
+DEFAULT_GATES = (*SUCCESS_GATES, Gate(SUCCESS_RATE, '>=', 1.0))
+#: of which there is no more than all
+SHARES = ('coverage_ratio', 'matched_ratio', SUCCESS_RATE)
 OVER = ('median', 'worst')
 GATE_KEYS = ('max', 'min', 'warn', 'of')
 MODALITIES = ('mono', 'stereo', 'mono-inertial', 'stereo-inertial')
 BAND_LIMITS = ('good', 'plausible', 'failed')
+WILDCARD = re.compile(r'\*\*/?|\*|\?|\[!?.[^]]*\]')
+WILD = {'**/': '((?:.*/)?)', '**': '(.*)', '*': '([^/]*)'}
 
 
 @dataclass(frozen=True)
@@ -85,8 +88,11 @@ class Sequence:
 
     :param ground_truth: spec of the ground truth.
     :param rules: when a metric is worse than the baseline's.
-    :param band: limits of what the literature has reached: good, plausible, failed [m].
+    :param band: limits of what the literature has reached: good, plausible, failed [m]; None
+        where nothing is known of such sensors.
+    :param bands: the file that has them.
     :param stack: what made the estimates, and ``calibration`` with what, for the manifest.
+    :param times: the stamps of KITTI poses.
     """
 
     name: str
@@ -100,14 +106,24 @@ class Sequence:
     tags: tuple[str, ...] = ()
     stack: Mapping[str, Any] = field(default_factory=dict)
     calibration: tuple[Path, ...] = ()
+    times: Path | None = None
+    bands: Path | None = None
 
     @property
-    def paths(self) -> Iterable[Path]:
-        """The files that are read."""
+    def paths(self) -> Iterator[Path]:
+        """The files and folders that the runs are read from."""
         for run in self.runs:
             specs = (run.estimate, run.causal, self.ground_truth)
             found = [run.recording, *(Spec.parse(spec).path for spec in specs if spec is not None)]
-            yield from (path for path in found if path is not None)
+            yield from (path for path in (*found, self.times) if path is not None)
+
+    @property
+    def conditions(self) -> Recorded:
+        """What of a baseline is known before anything is scored."""
+        spec = Spec.parse(self.ground_truth)
+        stated = '&'.join(f'{name}={value}' for name, value in sorted(spec.statements.items()))
+        truth = (spec.topic or '') + (f'?{stated}' if stated else '')
+        return Recorded(self.config.to_dict(), ground_truth=truth)
 
     @property
     def truth_is_recorded(self) -> bool:
@@ -117,7 +133,7 @@ class Sequence:
     @property
     def success_gates(self) -> tuple[Gate, ...]:
         """What a single run must keep to be a success: not diverged, and covering enough."""
-        wanted = {gate.metric for gate in DEFAULT_GATES} - {SUCCESS_RATE}
+        wanted = {gate.metric for gate in SUCCESS_GATES}
         return tuple(
             runs.gate
             for runs in self.gates
@@ -175,8 +191,13 @@ class Suite:
 
     @property
     def paths(self) -> Iterable[Path]:
-        """The files that are read."""
-        return dict.fromkeys(path for sequence in self.sequences for path in sequence.paths)
+        """The files and folders that are read."""
+        found = dict.fromkeys(path for sequence in self.sequences for path in sequence.paths)
+        for one in self.sequences:
+            config = config_paths(one.stack, self.file.parent)
+            documents = (one.bands, *one.calibration, *config)
+            found |= dict.fromkeys(path for path in documents if path is not None)
+        return found
 
 
 def _tagged(top: Section, named: Mapping[str, Section], wanted: set[str]) -> list[Section]:
@@ -196,14 +217,22 @@ def _sequence(top: Section, one: Section) -> Sequence:
     name, base = _required(one, 'name'), top.file.parent
     config = _config(top, one)
     runs = tuple(_runs(one, base))
-    truth, *others = (match.spec for match in _matches(one, 'ground_truth', base))
+    truth, *others = _matches(one, 'ground_truth', base)
     if others:
         raise one.error('ground_truth', f'ground_truth: one is expected, not {1 + len(others)}')
+    path = Path(_split(truth.spec)[0])
+    if not truth.is_topic and not path.exists():
+        raise one.error('ground_truth', f'ground_truth: there is no {path}')
+    topics = [truth.is_topic, *(Spec.parse(run.estimate).path is None for run in runs)]
+    if one.get('recording') is not None and not any(topics):
+        raise one.error('recording', 'recording: nothing is read of it, no topic is named')
     modality = _text(one, 'modality') or _text(top, 'modality')
+    bands = _text(one, 'bands') or _text(top, 'bands')
+    times = _text(one, 'times')
     return Sequence(
         name,
         runs,
-        truth,
+        truth.spec,
         config,
         _gates(top, one, config),
         _rules(top, one, config),
@@ -212,6 +241,8 @@ def _sequence(top: Section, one: Section) -> Sequence:
         tuple(_tags(top, one)),
         _stack(top, one),
         tuple(base / path for path in _texts(one, 'calibration') or _texts(top, 'calibration')),
+        None if times is None else base / times,
+        None if bands is None else base / bands,
     )
 
 
@@ -284,9 +315,20 @@ def _gates_of(section: Section, metric: str, bounds: Any) -> Iterable[RunsGate]:
         if over not in OVER:
             raise section.error(metric, f'gate {metric}: of is {" or ".join(OVER)}')
         try:
-            yield from (RunsGate(gate, over) for gate in Gate.of(metric, limits))
+            gates = Gate.of(metric, limits)
         except ConfigError as error:
             raise section.error(metric, error) from None
+        least, most = (
+            [gate.limit for gate in gates if gate.comparison == sign] for sign in ('>=', '<=')
+        )
+        if metric in SHARES:
+            most.append(1.0)
+        if least and most and max(least) > min(most):
+            raise section.error(
+                metric,
+                f'gate {metric}: nothing is at least {max(least):g} and at most {min(most):g}',
+            )
+        yield from (RunsGate(gate, over) for gate in gates)
 
 
 def _rules(top: Section, one: Section, config: EvaluationConfig) -> tuple[Rule, ...]:
@@ -337,13 +379,20 @@ def _band(
         return None
     band = bands.section(name)
     band.expect(*BAND_LIMITS, *MODALITIES)
-    if modality is not None and modality in band:
-        band = band.section(modality)
-        band.expect(*BAND_LIMITS)
-    limits = [finite(band.get(limit)) for limit in BAND_LIMITS]
-    if any(map(math.isnan, limits)) or sorted(limits) != limits:
-        raise bands.error(name, f'{name}: good, plausible and failed are rising numbers')
-    return dict(zip(BAND_LIMITS, limits, strict=True))
+    parts: dict[str | None, Section] = {}
+    for key in MODALITIES:
+        if key in band:
+            parts[key] = band.section(key)
+            parts[key].expect(*BAND_LIMITS)
+    if not parts or any(limit in band for limit in BAND_LIMITS):
+        parts[None] = band
+    found = {
+        key: [finite(part.get(limit)) for limit in BAND_LIMITS] for key, part in parts.items()
+    }
+    for limits in found.values():
+        if any(map(math.isnan, limits)) or sorted(limits) != limits:
+            raise bands.error(name, f'{name}: good, plausible and failed are rising numbers')
+    return dict(zip(BAND_LIMITS, found[modality], strict=True)) if modality in found else None
 
 
 def _runs(one: Section, base: Path) -> Iterator[Run]:
@@ -351,11 +400,14 @@ def _runs(one: Section, base: Path) -> Iterator[Run]:
     keys = ['estimate', *(key for key in ('causal', 'recording') if one.get(key) is not None)]
     found = {key: _matches(one, key, base) for key in keys}
     count = max(map(len, found.values()))
+    many = [key for key in keys if len(found[key]) == count > 1]
     for key, matches in found.items():
         if len(matches) == 1 and (key == 'recording' or matches[0].is_topic):
             found[key] = matches * count
         elif len(matches) < count:
             raise one.error(key, f'{key}: {len(matches)} matches for {count} runs')
+    for key in many[1:]:
+        found[key] = _paired(one, many[0], found[many[0]], key, found[key])
     for k in range(count):
         run = {key: matches[k] for key, matches in found.items()}
         name = run['estimate'].name
@@ -374,11 +426,28 @@ class _Match(NamedTuple):
     :param name: as the suite would name it.
     :param spec: which does not depend on where the tool is started.
     :param is_topic: of the recording beside it.
+    :param wild: what its wildcards stand for.
     """
 
     name: str
     spec: str
     is_topic: bool = False
+    wild: tuple[str, ...] = ()
+
+
+def _paired(
+    one: Section, key: str, matches: list[_Match], other_key: str, others: list[_Match]
+) -> list[_Match]:
+    """Return the other matches in the order of those whose wildcards stand for the same."""
+    of_run = {match.wild: match for match in others}
+    for match in matches:
+        if match.wild not in of_run:
+            raise one.error(
+                other_key,
+                f'{other_key}: none of its matches belongs to {match.name} of {key}: wildcards of '
+                f"both must stand for the same, here '{' '.join(match.wild)}'",
+            )
+    return [of_run[match.wild] for match in matches]
 
 
 def _matches(one: Section, key: str, base: Path) -> list[_Match]:
@@ -386,17 +455,26 @@ def _matches(one: Section, key: str, base: Path) -> list[_Match]:
     pattern, rest = _split(text)
     if '\0' in text:
         raise one.error(key, f'{key}: no path has a zero byte in it')
-    paths = [pattern]
-    if not (base / pattern).exists():
-        paths = sorted(glob(pattern, root_dir=base, recursive=True))
-        if not paths and key != 'recording' and one.get('recording') and text.startswith('/'):
-            return [_Match(text, _checked(one, key, text), True)]
-        if not paths and has_magic(pattern):
-            raise one.error(key, f"{key}: nothing matches '{pattern}' in {base}")
+    if (base / pattern).exists():
+        return [_Match(text, _checked(one, key, f'{base / pattern}{rest}'))]
+    paths = sorted(glob(pattern, root_dir=base, recursive=True))
+    if not paths and key != 'recording' and one.get('recording') and text.startswith('/'):
+        return [_Match(text, _checked(one, key, text), True)]
+    if not paths and has_magic(pattern):
+        raise one.error(key, f"{key}: nothing matches '{pattern}' in {base}")
     return [
-        _Match(path + rest, _checked(one, key, f'{base / path}{rest}'))
+        _Match(path + rest, _checked(one, key, f'{base / path}{rest}'), wild=_wild(pattern, path))
         for path in paths or [pattern]
     ]
+
+
+def _wild(pattern: str, path: str) -> tuple[str, ...]:
+    """Return what the wildcards of a glob stand for in a path that it matches."""
+    texts, wildcards = WILDCARD.split(pattern), WILDCARD.findall(pattern)
+    groups = [WILD.get(wildcard, '([^/])') for wildcard in wildcards] + ['']
+    regular = ''.join(map(''.join, zip(map(re.escape, texts), groups, strict=True)))
+    found = re.fullmatch(regular, path, re.DOTALL)
+    return found.groups() if found else (path,)
 
 
 def _checked(one: Section, key: str, spec: str) -> str:
@@ -420,7 +498,10 @@ def _override(top: Section, text: str) -> None:
     place = f"--set '{text}'"
     if not equals or not all(name.split('.')):
         raise ConfigError(f'{place}: write KEY=VALUE, such as options.alignment=sim3')
-    value = parse_yaml(given, top.file, lambda line: place)
+    try:
+        value = parse_yaml(given, top.file, lambda line: place)
+    except ReadError as error:
+        raise ConfigError(f'{place}: {error.problem.removeprefix(place + ": ")}') from None
     section: Any = top
     while not isinstance(section, Section) or '.' in name:
         if isinstance(section, list):

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 import math
 
 from vio_eval_ros.core.gates import Verdict
+from vio_eval_ros.recordings.sources import Spec
 from vio_eval_ros.reports.text import number, percent
 from vio_eval_ros.scoring.baseline import Comparison
 from vio_eval_ros.scoring.scoring import SequenceResult, SuiteResult
 from vio_eval_ros.scoring.suite import RunsGate, SUCCESS_RATE
 
 ATE = 'ate_trans_rmse_m'
+MOST_TOLD = 10
 COLUMNS = (
     'sequence', 'runs', 'ATE [m]', 'spread', 'baseline', 'change', 'p', 'coverage', 'success',
     'band', 'verdict',
@@ -24,14 +27,15 @@ def row_of(one: SequenceResult) -> list[str]:
     compared = {each.rule.metric: each for each in one.comparisons or ()}.get(ATE)
     words = {verdict.word for _, verdict in one.verdicts}
     coverage = one.metrics.get('coverage_ratio')
+    runs, scored = len(one.runs), len(ate.values) if ate else 0
     return [
         one.sequence.name,
-        str(len(one.runs)),
+        str(runs) if scored == runs else f'{scored} of {runs}',
         number(ate.median) if ate else '-',
         f'± {number(ate.mad)}' if ate and len(ate.values) > 1 else '',
         number(compared.baseline.median) if compared else '',
         f'{100 * compared.difference / compared.baseline.median:+.1f} %'
-        if compared and compared.baseline.median
+        if compared and compared.baseline.median and not math.isnan(compared.difference)
         else '',
         number(compared.p_value) if compared and not math.isnan(compared.p_value) else '',
         percent(coverage.median) if coverage else '-',
@@ -66,7 +70,8 @@ def unsuccessful(one: SequenceResult) -> Iterator[str]:
     """Yield each run that was no success, and why."""
     for run in one.runs:
         if run.result is None:
-            yield f'{run.run.name}: {run.error}'
+            path = Spec.parse(run.run.estimate).path
+            yield f'{run.run.name}: {run.error.removeprefix(f"{path}: ")}'
         elif not run.succeeded(one.sequence):
             metrics = run.result.summary.metrics
             broken = [
@@ -75,6 +80,21 @@ def unsuccessful(one: SequenceResult) -> Iterator[str]:
                 if not gate.passes(metrics[gate.metric])
             ]
             yield f'{run.run.name}: no success, {" and ".join(broken)}'
+
+
+def cautions(one: SequenceResult) -> Iterator[str]:
+    """Yield what the runs warn of, each once, with in how many of them."""
+    told: Counter[str] = Counter()
+    for run in one.runs:
+        if run.result is not None:
+            texts = run.result.summary.warnings
+            for path in run.result.estimate.paths:  # which would tell the runs apart
+                texts = [text.removeprefix(f'{path}: ') for text in texts]
+            told.update(list(dict.fromkeys(texts)))
+    for text, runs in told.most_common(MOST_TOLD):
+        yield f'{text} ({runs} of {len(one.runs)} runs)' if len(one.runs) > 1 else text
+    if len(told) > MOST_TOLD:
+        yield f'and {len(told) - MOST_TOLD} more warnings of single runs; json has them all'
 
 
 def broken_gate(gate: RunsGate, verdict: Verdict) -> str:
@@ -87,6 +107,8 @@ def worse_metric(one: Comparison) -> str:
     """Return how much worse a metric is than in the baseline, and how sure that is."""
     metric, low, high = one.rule.metric, *one.interval
     was, now = number(one.baseline.median), number(one.candidate.median)
+    runs = len(one.candidate.values) + one.missing
+    missing = f' (no number in {one.missing} of {runs} runs)' if one.missing else ''
     chance = '' if math.isnan(one.p_value) else f', by chance with p = {number(one.p_value)}'
     between = '' if math.isnan(low) else f', difference {number(low)} to {number(high)} (95 %)'
-    return f'{metric} was {was} and is {now}{chance}{between}'
+    return f'{metric} was {was} and is {now}{missing}{chance}{between}'

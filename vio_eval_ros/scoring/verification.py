@@ -18,21 +18,26 @@ from vio_eval_ros import __version__
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.core.gates import check_names, Gate, LIMITS, SEVERITIES
+from vio_eval_ros.core.trajectory import LARGEST
 from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.sources import read_sources, Spec
 from vio_eval_ros.reports.result import Result
-from vio_eval_ros.scoring.baseline import compare, Distribution, Rule
+from vio_eval_ros.scoring.baseline import damage, Rule
 from vio_eval_ros.scoring.manifest import judged, machine, MAX_BYTES, SCHEMA
 from vio_eval_ros.scoring.run import score_run, sha256
-from vio_eval_ros.scoring.scoring import RunResult, SequenceResult
-from vio_eval_ros.scoring.suite import OVER, Run, RunsGate, Sequence
+from vio_eval_ros.scoring.scoring import RunResult, score_suite, SequenceResult
+from vio_eval_ros.scoring.suite import DEFAULT_GATES, OVER, Run, RunsGate, Sequence, Suite
 from vio_eval_ros.settings import finite
 
 #: parts of a result that are compared; the others say how it was made, or have paths in them
 COMPARED = ('config', 'inputs', 'verdict', 'gates', 'metrics', 'association', 'alignment')
 #: parts of a sequence that are compared: what its runs were found to be together
 JUDGED = ('gates', 'comparisons', 'verdict')
+#: parts of a result in which there always is something
+FULL = ('config', 'metrics', 'association', 'alignment')
+INPUTS = ('ground_truth', 'estimate')
+VERDICTS = ('pass', 'fail')
 NAMES = ('inputs.estimate.source', 'inputs.ground_truth.source')
 #: what reading anything but a manifest raises
 DAMAGED = (
@@ -66,7 +71,8 @@ class RecordedRun(NamedTuple):
     :param specs: of the ground truth, the estimate, and where it was revised also of the estimate
         as first published.
     :param files: path and sha256 of the inputs.
-    :param values: the result, by dotted names.
+    :param values: the result, by dotted names; None where it could not be scored.
+    :param whole: whether the manifest is of this version, and so has all that there is now.
     """
 
     name: str
@@ -75,21 +81,21 @@ class RecordedRun(NamedTuple):
     config: EvaluationConfig
     gates: tuple[Gate, ...]
     files: Mapping[Path, str | None]
-    values: Mapping[str, Any]
+    values: Mapping[str, Any] | None
+    whole: bool
 
 
 class RecordedSequence(NamedTuple):
     """
     A sequence of a manifest.
 
-    :param runs: None in place of one that could not be scored.
     :param gates: over all runs, and ``rules`` with the values of the baseline that they were
         compared with, None where there was none.
     :param judged: what came of both, by dotted names; nothing where runs were not judged together.
     """
 
     name: str
-    runs: tuple[RecordedRun | None, ...]
+    runs: tuple[RecordedRun, ...]
     config: EvaluationConfig
     gates: tuple[RunsGate, ...]
     rules: tuple[tuple[Rule, tuple[float, ...]], ...] | None
@@ -102,11 +108,7 @@ class RecordedSequence(NamedTuple):
         alone = SequenceResult(sequence, runs)
         if self.rules is None:
             return alone
-        nothing = Distribution(())
-        comparisons = [
-            compare(rule, baseline, alone.metrics.get(rule.metric, nothing).values)
-            for rule, baseline in self.rules
-        ]
+        comparisons = [alone.compared(rule, baseline) for rule, baseline in self.rules]
         return SequenceResult(sequence, runs, comparisons)
 
 
@@ -119,10 +121,9 @@ def verify(file: Path, progress: Progress = silent) -> Verification:
     try:
         sequences, verdict, notes = _load(file)
     except DAMAGED as error:
-        what = f'{type(error).__name__}: {error}'
-        raise ReadError(file, f'is no manifest, or a damaged one ({what:.200})') from None
-    runs = [run for one in sequences for run in one.runs if run is not None]
-    if not runs:
+        raise ReadError(file, f'is no manifest, or a damaged one ({damage(error)})') from None
+    runs = [run for one in sequences for run in one.runs]
+    if all(run.values is None for run in runs):
         raise ReadError(file, 'has no result that could be reproduced')
     differences: list[str] = []
     results: list[Result | None] = []
@@ -142,15 +143,16 @@ def _judged_again(
     """Yield what is other than it was when the runs were judged, given their results."""
     passed = True
     for one in sequences:
-        again = [None if run is None else next(results) for run in one.runs]
+        again = [next(results) for _ in one.runs]
         if one.judged:
             judgement = one.judge(again)
             passed &= judgement.passed
-            for difference in _others(one.judged, judged(judgement)):
+            for difference in _others(one.judged, judged(judgement), one.runs[0].whole):
                 yield f'{one.name}: {difference}'
     if verdict is not None:
         now = {'verdict': 'pass' if passed else 'fail'}
-        yield from (f'suite: {difference}' for difference in _others({'verdict': verdict}, now))
+        for difference in _others({'verdict': verdict}, now, False):
+            yield f'suite: {difference}'
 
 
 def _load(file: Path) -> tuple[list[RecordedSequence], str | None, list[str]]:
@@ -159,37 +161,46 @@ def _load(file: Path) -> tuple[list[RecordedSequence], str | None, list[str]]:
     sequences, notes = [], []
     was, now = _of(content['machine'], dict), machine()
     was['vio_eval_ros'], now['vio_eval_ros'] = _of(content['tool'], dict)['version'], __version__
+    whole = was['vio_eval_ros'] == __version__
     for name, value in now.items():
         if was.get(name) != value:
             notes.append(f'{name} was {was.get(name)!s:.60}, is {value}')
     notes += _changed(
         _files(file.parent, [content[name] for name in ('suite', 'baseline') if name in content])
     )
+    is_judged = 'suite' in content or 'verdict' in content
+    if is_judged and content['verdict'] not in VERDICTS:
+        raise ValueError('a verdict is neither pass nor fail')
     for sequence in _of(content['sequences'], list):
         documents = [*_of(sequence['stack'], dict)['config'], *_of(sequence['calibration'], list)]
         notes += _changed(_files(file.parent, documents))
         config = EvaluationConfig.from_mapping(_of(sequence['options'], dict))
-        runs: list[RecordedRun | None] = []
+        runs = []
         for run in _of(sequence['runs'], list):
             name = f'{_of(sequence["name"], str)}, {_of(run["estimate"]["spec"], str)}'
             if run['result'] is None:
-                notes.append(f'{name}: could not be scored then: {run["error"]!s:.200}')
-                runs.append(None)
-            else:
-                runs.append(_recorded(file.parent, name, config, run))
-        sequences.append(_recorded_sequence(sequence, config, runs))
+                notes.append(f'{name}: could not be scored then: {_of(run["error"], str):.200}')
+            runs.append(_recorded(file.parent, name, config, run, whole))
+        sequences.append(_recorded_sequence(sequence, config, runs, is_judged))
     return sequences, content.get('verdict'), list(dict.fromkeys(notes))
 
 
 def _recorded_sequence(
-    sequence: Mapping[str, Any], config: EvaluationConfig, runs: Iterable[RecordedRun | None]
+    sequence: Mapping[str, Any],
+    config: EvaluationConfig,
+    runs: Iterable[RecordedRun],
+    is_judged: bool,
 ) -> RecordedSequence:
     name, runs = sequence['name'], tuple(runs)
-    if 'verdict' not in sequence:
+    if not is_judged:
         return RecordedSequence(name, runs, config, (), None, {})
     if not runs:
         raise ValueError('a sequence was judged without runs')
+    if sequence['verdict'] not in VERDICTS:
+        raise ValueError('a verdict is neither pass nor fail')
     gates = tuple(_runs_gate(_of(gate, dict)) for gate in _of(sequence['gates'], list))
+    if not {gate.metric for gate in DEFAULT_GATES} <= {runs.gate.metric for runs in gates}:
+        raise ValueError('a sequence was judged without the gates that are always there')
     compared = sequence['comparisons']
     rules = None if compared is None else tuple(_rule(_of(one, dict)) for one in compared)
     parts = {part: sequence[part] for part in JUDGED}
@@ -206,7 +217,7 @@ def _rule(comparison: Mapping[str, Any]) -> tuple[Rule, tuple[float, ...]]:
     """Return a rule, and the values of the baseline."""
     limits = dict(_of(comparison['rule'], dict))
     values = tuple(finite(value) for value in _of(comparison['baseline_values'], list))
-    if any(map(math.isnan, values)):
+    if not all(abs(value) < LARGEST for value in values):
         raise ValueError('a baseline has values that are no numbers')
     return Rule.of(_of(limits.pop('metric'), str), limits), values
 
@@ -230,23 +241,47 @@ def _parsed(file: Path) -> dict[str, Any]:
 
 
 def _recorded(
-    folder: Path, name: str, config: EvaluationConfig, run: Mapping[str, Any]
+    folder: Path, name: str, config: EvaluationConfig, run: Mapping[str, Any], whole: bool
 ) -> RecordedRun:
-    inputs = [_of(run[key], dict) for key in ('ground_truth', 'estimate')]
+    inputs = [_of(run[key], dict) for key in INPUTS]
     if run['causal'] is not None:
         inputs.append(_of(run['causal'], dict))
-    result = _of(run['result'], dict)
-    if not _of(result['metrics'], dict):
-        raise ValueError('a result has no metrics')
+    gates, values = [], None
+    if run['result'] is not None:
+        result = _of(run['result'], dict)
+        gates = _of(result['gates'], list)
+        values = dict(_flat(_compared(result, whole)))
+        if not all(_of(one['files'], list) for one in inputs[:2]):
+            raise ValueError('a result is of no file')
     return RecordedRun(
         name,
         tuple(str(folder / _of(one['spec'], str)) for one in inputs),
         None if run['times'] is None else folder / _of(run['times'], str),
         config,
-        tuple(_gate(_of(gate, dict)) for gate in _of(result['gates'], list)),
+        tuple(_gate(_of(gate, dict)) for gate in gates),
         _files(folder, [file for one in inputs for file in _of(one['files'], list)]),
-        dict(_flat({part: result[part] for part in COMPARED})),
+        values,
+        whole,
     )
+
+
+def _compared(result: Mapping[str, Any], whole: bool) -> dict[str, Any]:
+    """Return what is compared of a result, all of which must be there."""
+    parts = {part: result[part] for part in COMPARED}
+    inputs = _of(parts['inputs'], dict)
+    full = {name: parts[name] for name in FULL} | {name: inputs[name] for name in INPUTS}
+    for name, part in full.items():
+        if not _of(part, dict):
+            raise ValueError(f'a result has no {name}')
+    if whole:  # other versions may put it otherwise
+        parts['warnings'] = [_without_folder(text) for text in _of(result['warnings'], list)]
+    return parts
+
+
+def _without_folder(warning: str) -> str:
+    """Return a warning with the name of the file that it begins with, in place of its path."""
+    path, colon, text = warning.partition(': ')
+    return path.rpartition('/')[2] + colon + text
 
 
 def _scored_again(run: RecordedRun) -> tuple[Result | None, list[str]]:
@@ -255,16 +290,24 @@ def _scored_again(run: RecordedRun) -> tuple[Result | None, list[str]]:
     if not all(map(_is_there, run.files)):
         return None, differences
     try:
-        result = _score(run)
+        _check_paths(run)
+        result = _score_apart(run) if run.values is None else _score(run)
     except (VioEvalError, OSError) as error:
+        if run.values is None:
+            return None, differences
         return None, [*differences, f'cannot be scored any more: {error}']
-    parts = result.to_dict()
-    now = {part: parts[part] for part in COMPARED}
-    return result, [*differences, *_others(run.values, now)]
+    if result is None or run.values is None:
+        return result, differences if result is None else [*differences, 'can be scored now']
+    now = _compared(result.to_dict(), run.whole)
+    return result, [*differences, *_others(run.values, now, run.whole)]
 
 
-def _others(values: Mapping[str, Any], content: Mapping[str, Any]) -> Iterator[str]:
-    """Yield which of the values, by dotted names, are others in what there is now."""
+def _others(values: Mapping[str, Any], content: Mapping[str, Any], whole: bool) -> Iterator[str]:
+    """
+    Yield which of the values, by dotted names, are others in what there is now.
+
+    :param whole: whether there should be no more now than there was.
+    """
     # as it is after a round trip through JSON
     now = dict(_flat(json.loads(json.dumps(content))))
     other = {
@@ -272,6 +315,8 @@ def _others(values: Mapping[str, Any], content: Mapping[str, Any]) -> Iterator[s
         for name, was in values.items()
         if name not in NAMES and (name not in now or now[name] != was)
     }
+    if whole:
+        other |= {name: ('absent', now[name]) for name in now if name not in values}
     for name in list(other)[:MOST_SHOWN]:
         yield f'{_shown(name)} {_comparison(*other[name])}'
     if len(other) > MOST_SHOWN:
@@ -282,10 +327,21 @@ def _others(values: Mapping[str, Any], content: Mapping[str, Any]) -> Iterator[s
         )
 
 
-def _score(run: RecordedRun) -> Result:
+def _check_paths(run: RecordedRun) -> None:
     for path in (*(Spec.parse(spec).path for spec in run.specs), run.times):
         if path is not None and not (path.is_file() or path.is_dir()):
             raise ReadError(path, 'there is no such file')  # nor is a device one, or a pipe
+
+
+def _score_apart(run: RecordedRun) -> Result | None:
+    """Return the result of a run in a process of its own, which it may take down."""
+    truth, estimate, *causal = run.specs
+    again = Run(run.name, estimate, causal=causal[0] if causal else None)
+    sequence = Sequence(run.name, (again,), truth, run.config, (), times=run.times)
+    return score_suite(Suite(Path(), (sequence,)), 1).sequences[0].runs[0].result
+
+
+def _score(run: RecordedRun) -> Result:
     truth, estimate, *causal = read_sources(run.specs, None, run.times)
     if causal:
         estimate = estimate.revising(causal[0])
