@@ -24,7 +24,6 @@ SHELLS = {'cli', 'nodes'}
 MAY_ALSO_IMPORT = {
     'imu': {PACKAGE, 'reports'},  # the version; how a page is made
     'inspection': {PACKAGE, 'reports', 'settings'},  # the version; how pages and YAML are made
-    'recordings': {'inspection'},  # the columns of a stream, for sensors.py
     'reports': {PACKAGE},
     'simulation': {'imu', 'reports'},  # what noise is; how a TUM file is written
     'scoring': {PACKAGE, 'recordings', 'reports', 'settings'},  # it holds the ends together

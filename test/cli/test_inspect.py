@@ -1,6 +1,6 @@
 """`inspect` as its users run it: a process with arguments, output and an exit status."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 import json
 import os
 from pathlib import Path
@@ -11,6 +11,7 @@ import sys
 from typing import Any
 
 from mcap.reader import make_reader
+from mcap.writer import Writer
 import numpy as np
 from PIL import Image
 import pytest
@@ -93,14 +94,17 @@ def message_of(types: Any, msgtype: str, stamp_ns: int, content: Any) -> Any:
     return types[IMU](head, level, none, rates, none, forces, none)
 
 
-def record(path: Path, messages: Iterable[Timed]) -> Path:
+def record(path: Path, messages: Iterable[Timed], empty: Sequence[tuple[str, str]] = ()) -> Path:
     """Write messages in the order in which they are recorded, as what the name says."""
     ros1 = path.suffix == '.bag'
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
     plugin = StoragePlugin.SQLITE3 if 'sqlite' in path.name else StoragePlugin.MCAP
     writer = Rosbag1Writer(path) if ros1 else Rosbag2Writer(path, version=9, storage_plugin=plugin)
     with writer:
-        connections: dict[str, Any] = {}
+        connections: dict[str, Any] = {
+            topic: writer.add_connection(topic, msgtype, typestore=store)
+            for topic, msgtype in empty
+        }
         for logged_ns, topic, msgtype, stamp_ns, content in sorted(messages, key=lambda m: m[0]):
             if topic not in connections:
                 connections[topic] = writer.add_connection(topic, msgtype, typestore=store)
@@ -203,7 +207,7 @@ def test_findings_alone_do_not_fail_but_those_asked_for_do(harmed, tmp_path):
 def test_expectations_for_euroc_pass_and_fail(clean, harmed):
     found = document(clean, '--expect', EUROC)
     assert {one['word'] for one in found['expectations']} == {'pass'}
-    assert len(found['expectations']) == 12
+    assert len(found['expectations']) == 18
     found = document(harmed, '--expect', EUROC, status=1)
     words = {(one['stream'], one['check']): one['word'] for one in found['expectations']}
     assert words['imu0', 'max_gap_s'] == 'fail'
@@ -213,6 +217,46 @@ def test_expectations_for_euroc_pass_and_fail(clean, harmed):
         'FAIL  imu0 max_gap_s: at most 0.05 is expected, 0.5 it is'
         in inspect(harmed, '--expect', EUROC).stdout
     )
+
+
+def test_what_is_expected_must_not_fail_nor_drift(tmp_path):
+    stuck = [
+        (*m[:4], m[4] if m[1] != '/imu0' or m[3] - FIRST_NS < 9 * 10**9 else np.full(6, 9.0))
+        for m in flight()
+    ]
+    done = inspect(record(tmp_path / 'stuck', stuck), '--expect', EUROC)
+    assert done.returncode == 1
+    assert 'FAIL  imu0 findings: no finding that fails is expected, stuck there is' in done.stdout
+    assert 'nothing is wrong' not in done.stdout
+    drifting = [(at + (at - FIRST_NS) // 10**4, *rest) for at, *rest in flight()]
+    words = {
+        one['check']: one['word']
+        for one in document(record(tmp_path / 'drift', drifting), '--expect', EUROC, status=1)[
+            'expectations'
+        ]
+        if one['stream'] == 'imu0'
+    }
+    assert [check for check, word in words.items() if word == 'fail'] == ['max_drift_ppm']
+
+
+def test_a_folder_is_not_judged_by_what_it_cannot_tell(tmp_path):
+    path = folder(tmp_path / 'euroc', flight())
+    checks = {one['check'] for one in document(path, '--expect', EUROC)['expectations']}
+    assert 'rate_hz' in checks
+    assert 'max_drift_ppm' not in checks
+
+
+def test_a_camera_that_is_recorded_but_sends_nothing_fails(tmp_path):
+    path = tmp_path / 'run'
+    record(path, [m for m in flight() if m[1] != CAMERAS[1]], [(CAMERAS[1], IMAGE)])
+    found = document(path)
+    assert [(one['name'], one['topic']) for one in found['findings']] == [('silent', CAMERAS[1])]
+    assert found['silent'] == [{'topic': CAMERAS[1], 'type': IMAGE}]
+    page = tmp_path / 'page.html'
+    done = inspect(path, '--expect', EUROC, '--report', f'html:{page}', '--fail-on', 'silent')
+    assert done.returncode == 1
+    assert done.stdout.splitlines()[2].split()[:4] == ['FAIL', CAMERAS[1], 'Image', '0']
+    assert 'the topic was recorded, but has no messages' in page.read_text()
 
 
 def test_a_stream_that_is_expected_and_missing_fails(clean, tmp_path):
@@ -244,7 +288,7 @@ def test_each_limit_and_name_can_be_expected(clean, tmp_path):
     }  # fmt: skip
     file.write_text(yaml.safe_dump({'streams': {'imu0': imu}}))
     verdicts = document(clean, '--expect', file)['expectations']
-    assert [one['word'] for one in verdicts] == ['pass'] * (len(imu) - 2)
+    assert [one['word'] for one in verdicts] == ['pass'] * (len(imu) - 1)
     imu |= {
         'rate_hz': 190, 'frame_id': 'imu', 'up_axis': '-x', 'max_latency_s': 0.001,
         'max_drift_ppm': 0, 'max_gap_s': 0.004, 'min_duration_s': 20, 'min_rotation_rad_s': 1,
@@ -252,7 +296,8 @@ def test_each_limit_and_name_can_be_expected(clean, tmp_path):
     }  # fmt: skip
     file.write_text(yaml.safe_dump({'streams': {'imu0': imu}}))
     verdicts = document(clean, '--expect', file, status=1)['expectations']
-    assert {one['check'] for one in verdicts if one['word'] == 'pass'} == set()
+    passed = {one['check'] for one in verdicts if one['word'] == 'pass'}
+    assert passed == {'findings', 'max_drift_ppm'}  # there is no drift for certain
 
 
 def test_clips_hold_the_messages_around_each_finding(harmed, tmp_path):
@@ -271,13 +316,51 @@ def test_clips_hold_the_messages_around_each_finding(harmed, tmp_path):
     assert counts['/imu0'] == pytest.approx(200, abs=4)
     assert counts['/cam1/image_raw'] == pytest.approx(30, abs=2)
     assert inspect(files[0]).returncode == 0
-    with Recording(harmed) as whole, files[0].open('rb') as stream:
+    (whole,) = harmed.glob('*.mcap')
+    with whole.open('rb') as stream:
+        original = {m.data for _, _, m in make_reader(stream).iter_messages(['/imu0'])}
+    with files[0].open('rb') as stream:
         texts = {schema.name: schema.data for schema, _, _ in make_reader(stream).iter_messages()}
-        original = {raw for _, raw in whole._messages({'/imu0'})}
         stream.seek(0)
         got = [m.data for _, c, m in make_reader(stream).iter_messages(['/imu0'])]
     assert b'float64[9] angular_velocity_covariance' in texts[IMU]
     assert original.issuperset(got)
+
+
+def test_a_clip_of_what_lasts_long_is_its_beginning(tmp_path):
+    messages = [m for m in flight() if m[1] != '/imu0' or not 1 < (m[3] - FIRST_NS) / 1e9 < 11]
+    assert inspect(record(tmp_path / 'run', messages), '--clip', tmp_path / 'c').returncode == 0
+    (clip,) = (tmp_path / 'c').iterdir()
+    with Recording(clip) as found:
+        counts = {topic.name: topic.count for topic in found.topics}
+    # five seconds of it, and one before and behind
+    assert counts['/cam0/image_raw'] == pytest.approx(7 * 20, abs=2)
+
+
+def test_topics_without_a_definition_are_left_out_and_said_to_be(tmp_path):
+    path = tmp_path / 'run.mcap'
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with path.open('wb') as stream:
+        writer = Writer(stream)
+        writer.start('ros2')
+        text = store.generate_msgdef(IMU, ros_version=2)[0].encode()
+        imu = writer.register_channel('/imu0', 'cdr', writer.register_schema(IMU, 'ros2msg', text))
+        schema = writer.register_schema('own_msgs/msg/Thing', 'ros2msg', b'')
+        own = writer.register_channel('/own', 'cdr', schema)
+        for logged_ns, _, _, stamp_ns, content in (m for m in flight() if m[1] == '/imu0'):
+            if not 5 < (stamp_ns - FIRST_NS) / 1e9 < 6:
+                one = message_of(store.types, IMU, stamp_ns, content)
+                raw = bytes(store.serialize_cdr(one, IMU))
+                writer.add_message(imu, logged_ns, raw, logged_ns)
+                writer.add_message(own, logged_ns, b'\0\1\0\0', logged_ns)
+        writer.finish()
+    done = inspect(path, '--clip', tmp_path / 'clips')
+    assert done.returncode == 0, done.stderr
+    assert 'info  left_out: the recording has no definition of own_msgs/msg/Thing' in done.stdout
+    assert 'clips are without a topic: /own: ' in done.stdout
+    (clip,) = (tmp_path / 'clips').iterdir()
+    with Recording(clip) as found:
+        assert [topic.name for topic in found.topics] == ['/imu0']
 
 
 @pytest.mark.parametrize('name', ['run.bag', 'folder'])
@@ -302,6 +385,8 @@ def test_reports_are_written_and_self_contained(harmed, tmp_path, parsed):
     assert json.loads(found.read_text()) == document(harmed)
     content = parsed(page.read_text())
     assert 'silent once, for up to 0.5 s' in content.text
+    assert 'at 5.00 s' in content.text
+    assert '/cam0/image_raw, /cam1/image_raw: skew 3 ' in content.text
     assert len(content.figures) == 1 + 3
     assert not [a for a, _ in content.of('script') if 'src' in a]
 
@@ -371,6 +456,7 @@ def test_what_cannot_be_inspected_is_told_in_a_line(clean, tmp_path, shared_data
     assert 'is no folder' in complaint(clean, '--clip', EUROC)
     assert 'write FORMAT:PATH' in complaint(clean, '--report', 'png:a')
     assert '--clip-s' in complaint(clean, '--clip-s', '-1')
+    assert '--clip-s' in complaint(clean, '--clip-s', '1e300')
 
 
 def test_a_recording_that_ends_early_is_damaged(clean, tmp_path):

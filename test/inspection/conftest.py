@@ -7,11 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vio_eval_ros.inspection.streams import Stream
+from vio_eval_ros.core.stream import Stream
 
 FIRST_NS = 1_403_636_579_763_555_584
 DURATION_S = 30.0
 STILL_S = 3.0
+KINDS = {
+    'sensor_msgs/msg/Image': 'camera',
+    'sensor_msgs/msg/Imu': 'imu',
+    'geometry_msgs/msg/PoseStamped': 'pose',
+}
 
 
 def stream(
@@ -24,7 +29,9 @@ def stream(
     delays = 4_000_000 + source.exponential(2_000_000, len(elapsed)).astype(np.int64)
     logged_ns = np.maximum.accumulate(stamps_ns + delays)
     columns = None if numbers is None else numbers(elapsed, source)
-    return Stream(topic, msgtype, logged_ns, stamps_ns, {'frame': len(elapsed)}, columns)
+    return Stream(
+        topic, msgtype, KINDS[msgtype], logged_ns, stamps_ns, {'frame': len(elapsed)}, columns
+    )
 
 
 def felt(elapsed: np.ndarray, source: np.random.Generator) -> np.ndarray:

@@ -929,7 +929,7 @@ def test_an_indexed_mcap_is_read_a_chunk_at_a_time(tmp_path):
     path.write_bytes(path.read_bytes().replace(b'second chunk', b'sEcond chunk'))
     with ExitStack() as stack:
         messages = McapStorage(path, stack).messages({'/pose'})
-        assert next(messages) == ('/pose', b'first chunk')
+        assert next(messages) == (0, '/pose', b'first chunk')
         with pytest.raises(CRCValidationError):
             next(messages)
 

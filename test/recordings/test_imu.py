@@ -164,8 +164,8 @@ def test_a_damaged_message_is_an_error_of_one_line(tmp_path, monkeypatch):
     path = write(tmp_path / 'run', 'mcap', {'/imu0': made()})
 
     def cut(self, names):
-        for name, raw in original(self, names):
-            yield name, raw[:40]
+        for log_ns, name, raw in original(self, names):
+            yield log_ns, name, raw[:40]
 
     original = bags.Recording._messages
     monkeypatch.setattr(bags.Recording, '_messages', cut)

@@ -9,8 +9,8 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
+from vio_eval_ros.core.stream import Stream
 from vio_eval_ros.errors import ReadError
-from vio_eval_ros.inspection.streams import Stream
 from vio_eval_ros.recordings.sensors import read_sensors
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.simulation import simulate, write_recording
@@ -147,3 +147,60 @@ def test_quaternions_of_a_folder_are_turned_round(tmp_path):
     folder.joinpath('data.csv').write_text('5,1,2,3,0.1,0.2,0.3,0.4,0,0,0\n')
     (pose,) = streams(tmp_path).values()
     assert pose.numbers.tolist() == [[1, 2, 3, 0.2, 0.3, 0.4, 0.1]]
+
+
+def test_topics_without_messages_are_streams(tmp_path):
+    store = get_typestore(Stores.ROS2_JAZZY)
+    types = {
+        '/cam': 'sensor_msgs/msg/Image',
+        '/imu': 'sensor_msgs/msg/Imu',
+        '/pose': 'geometry_msgs/msg/PoseStamped',
+    }
+    with Rosbag2Writer(tmp_path / 'run', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        for topic, msgtype in types.items():
+            writer.add_connection(topic, msgtype, typestore=store)
+        name, time = 'std_msgs/msg/Header', store.types['builtin_interfaces/msg/Time'](1, 2)
+        point = 'geometry_msgs/msg/PointStamped'
+        one = store.types[point](
+            store.types[name](time, ''), store.types['geometry_msgs/msg/Point'](1.0, 2.0, 3.0)
+        )
+        connection = writer.add_connection('/point', point, typestore=store)
+        writer.write(connection, 5, store.serialize_cdr(one, point))
+    found = streams(tmp_path / 'run')
+    kinds = {topic: (found[topic].kind, len(found[topic])) for topic in types}
+    assert kinds == {'/cam': ('camera', 0), '/imu': ('imu', 0), '/pose': ('pose', 0)}
+
+
+def test_messages_keep_the_order_of_the_file_whatever_their_times(tmp_path):
+    store = get_typestore(Stores.ROS2_JAZZY)
+    name, own = 'std_msgs/msg/Header', 'sensor_msgs/msg/Imu'
+    vector, none = store.types['geometry_msgs/msg/Vector3'], np.zeros(9)
+    level = store.types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0)
+    with Rosbag2Writer(tmp_path / 'run', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection('/imu', own, typestore=store)
+        for second in (1, 3, 2, 4):
+            header = store.types[name](store.types['builtin_interfaces/msg/Time'](second, 0), '')
+            one = store.types[own](
+                header, level, none, vector(1, 2, 3), none, vector(4, 5, 6), none
+            )
+            writer.write(connection, second * 10**9, store.serialize_cdr(one, own))
+    assert streams(tmp_path / 'run')['/imu'].stamps_ns.tolist() == [
+        second * 10**9 for second in (1, 3, 2, 4)
+    ]
+
+
+def test_a_stamp_that_is_too_large_is_told_with_its_line(tmp_path):
+    folder = tmp_path / 'mav0' / 'cam0'
+    folder.mkdir(parents=True)
+    folder.joinpath('data.csv').write_text('5,5.png\n99999999999999999999,6.png\n')
+    with pytest.raises(ReadError, match='line 2 is no stamp'):
+        read_sensors(tmp_path)
+
+
+def test_an_empty_sensor_of_a_folder_is_a_stream(tmp_path):
+    for name, rows in (('cam0', '5,5.png\n'), ('imu0', '')):
+        folder = tmp_path / 'mav0' / name
+        folder.mkdir(parents=True)
+        folder.joinpath('data.csv').write_text('#timestamp\n' + rows)
+    found = streams(tmp_path)
+    assert (len(found['/imu0']), found['/imu0'].kind) == (0, 'imu')

@@ -21,6 +21,7 @@ from vio_eval_ros.inspection.inspection import inspect
 from vio_eval_ros.recordings.clips import Clips
 from vio_eval_ros.recordings.playback import Playback
 from vio_eval_ros.recordings.sensors import read_sensors
+from vio_eval_ros.reports import write
 
 VERB = 'inspect'
 EXAMPLES = """
@@ -35,6 +36,9 @@ exit status: 0 inspected, 1 an expectation is not met or something named by --fa
 """
 REPORTS = {'html': html_document, 'json': json_document, 'text': text_document}
 MOST_CLIPS = 20
+# of a finding that lasts longer, the clip has the beginning
+LONGEST_CLIP_S = 5.0
+MOST_CLIP_S = 3600
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -95,8 +99,8 @@ def _run(arguments: argparse.Namespace) -> int:
         if name not in CURES:
             near = nearest_name(name, CURES) or f'; {", ".join(CURES)}'
             raise ConfigError(f"--fail-on: there is no finding '{name}'{near}")
-    if not 0 <= arguments.clip_s < float('inf'):
-        raise ConfigError('--clip-s: a number of seconds is expected, not negative')
+    if not 0 <= arguments.clip_s <= MOST_CLIP_S:
+        raise ConfigError(f'--clip-s: a number of seconds from 0 to {MOST_CLIP_S} is expected')
     targets = [Target.parse(text, REPORTS) for text in arguments.report]
     inputs = [arguments.recording, *arguments.calibration]
     expected = None
@@ -163,10 +167,13 @@ def _clips(arguments: argparse.Namespace, findings: Sequence[Finding]) -> Iterat
     margin_ns = round(1e9 * arguments.clip_s)
     with Playback(arguments.recording) as playback:
         clips = Clips(playback)
+        yield from (f'clips are without a topic: {line}' for line in clips.left_out)
         for k, finding in enumerate(findings, 1):
             topic = re.sub(r'\W+', '_', finding.topic).strip('_')
             path = arguments.clip / f'{k:02}_{finding.name}_{topic}.mcap'
             moment = finding.moments[0]
-            begin_ns, end_ns = moment.logged_begin_ns, moment.logged_end_ns
-            count = clips.cut(begin_ns - margin_ns, end_ns + margin_ns, path)
+            begin_ns = moment.logged_begin_ns
+            end_ns = min(moment.logged_end_ns, begin_ns + round(1e9 * LONGEST_CLIP_S))
+            content, count = clips.cut(begin_ns - margin_ns, end_ns + margin_ns)
+            write(path, content)
             yield f'clip  {path}: {count} messages'

@@ -6,20 +6,29 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from vio_eval_ros.core.stream import Moment, spread, Stream
 from vio_eval_ros.inspection.findings import Finding
-from vio_eval_ros.inspection.streams import spread, Stream
 
-WINDOWS, LEAST_WINDOWS, MESSAGES_A_WINDOW = 64, 8, 8
-LEAST_S = 5.0
+WINDOWS, LEAST_WINDOWS, MESSAGES_A_WINDOW = 64, 16, 8
+LEAST_S = 10.0
 # A drift is told where it is more than this, certain, and matters at the end of the recording
-DRIFT_PPM, DRIFT_TOTAL_S, DEVIATIONS = 10.0, 0.0002, 4.0
+DRIFT_PPM, DRIFT_TOTAL_S, DEVIATIONS = 10.0, 0.0009, 4.0
+# What is left of a line wanders where the means of so many parts vary by this much more than
+# noise does, and then hides a slope that makes this many of their standard deviations
+PARTS, WANDERS, HIDDEN = 8, 3.0, 3.0
+# A line is one where its halves differ from it by no more than this, or so many deviations
+BENT, HALF_DEVIATIONS, STRAIGHT = 0.7, 8.0, 0.3
 # No quartz drifts as much
 REPLAYED_PPM = 1000.0
+STANDS_STILL = 1e-3
 # What a message may take from sensor to disk, and how early a clock may be without a word
 LATEST_S, EARLIEST_S = 1.0, -0.001
+# A clock was set where all that is behind differs from all in front by this, and many spreads
+STEP_S, STEP_SPREADS = 0.005, 10.0
 
 
 @dataclass(frozen=True)
@@ -31,7 +40,7 @@ class Clocks:
     :param offset_s: of the lower envelope in the middle of the recording: the difference of the
         clocks and the least time of transport, which no recording can tell apart.
     :param drift_ppm: by how much faster than the stamps the clock of the recorder runs, and
-        ``drift_uncertainty_ppm``, its standard deviation.
+        ``drift_uncertainty_ppm``, its standard deviation; NaN where it does not run evenly.
     :param jitter_s: standard deviation of transport, robust: what is left above the envelope.
     """
 
@@ -44,6 +53,21 @@ class Clocks:
     is_steady: bool = False
 
 
+class Line(NamedTuple):
+    """
+    A line through points, robust.
+
+    :param height: in the middle, at ``x`` = 0.
+    :param uncertainty: the standard deviation of the slope.
+    :param is_straight: whether both halves have the slope of the whole.
+    """
+
+    slope: float
+    height: float
+    uncertainty: float
+    is_straight: bool
+
+
 def clocks(stream: Stream) -> tuple[Clocks | None, list[Finding]]:
     """Return how the clocks of a stream compare; None where it has but one."""
     if stream.logged_ns is None or stream.stamps_ns is None:
@@ -51,47 +75,66 @@ def clocks(stream: Stream) -> tuple[Clocks | None, list[Finding]]:
     latencies_ns = stream.logged_ns - stream.stamps_ns
     # differences of years have no nanoseconds left in floating point
     first_ns = int(latencies_ns[0])
+    base_s = first_ns / 1e9
     latencies = (latencies_ns - first_ns) / 1e9
-    median, p99 = (first_ns / 1e9 + np.quantile(latencies, [0.5, 0.99])).tolist()
-    low = first_ns / 1e9 + float(latencies.min())
-    figures = _drift(stream, latencies, first_ns / 1e9) or (low,)
-    found = Clocks(median, p99, *figures)
-    return found, list(_findings(stream, found))
-
-
-def _drift(
-    stream: Stream, latencies: np.ndarray, base_s: float
-) -> tuple[float, float, float, float, bool] | None:
-    """
-    Return offset, drift, its deviation, jitter and whether both halves agree; None if too short.
-
-    Transport can only delay, so the least latency of each of up to 64 windows follows the clocks.
-    A line is laid through these by the median of all slopes (Theil and Sen); its uncertainty is
-    that of least squares with the spread of what is left, enlarged where neighbours err alike.
-    """
-    assert stream.stamps_ns is not None
+    median, p99 = (base_s + np.quantile(latencies, [0.5, 0.99])).tolist()
     order = np.argsort(stream.stamps_ns, kind='stable')
-    count = min(WINDOWS, len(order) // MESSAGES_A_WINDOW)
     seconds = (stream.stamps_ns[order] - stream.stamps_ns[order[0]]) / 1e9
+    count = min(WINDOWS, len(order) // MESSAGES_A_WINDOW)
     if count < LEAST_WINDOWS or seconds[-1] < LEAST_S:
-        return None
-    latencies = latencies[order]
+        low = Clocks(median, p99, base_s + float(latencies.min()))
+        return low, list(_findings(stream, low))
     edges = np.linspace(0, len(order), count + 1).astype(int)
-    lowest = np.array([a + latencies[a:b].argmin() for a, b in pairwise(edges.tolist())])
-    x, y = seconds[lowest], latencies[lowest]
-    middle = seconds[-1] / 2
+    windows = list(pairwise(edges.tolist()))
+    x, latencies = seconds - seconds[-1] / 2, latencies[order]
+    lowest = np.array([a + latencies[a:b].argmin() for a, b in windows])
+    envelope = fit(x[lowest], latencies[lowest])
+    # the least of what is not late on one side only varies more than the middle of it
+    middle = fit(
+        np.array([x[a:b].mean() for a, b in windows]),
+        np.array([np.median(latencies[a:b]) for a, b in windows]),
+    )
+    line = min(envelope, middle, key=lambda one: one.uncertainty)
+    found = Clocks(
+        median,
+        p99,
+        base_s + envelope.height,
+        1e6 * line.slope if line.is_straight else math.nan,
+        1e6 * line.uncertainty if line.is_straight else math.nan,
+        spread(latencies - line.slope * line.is_straight * x),
+        line.is_straight,
+    )
+    findings = list(_findings(stream, found))
+    if not line.is_straight:
+        findings += _step(stream, order, lowest, latencies)
+    return found, findings
+
+
+def fit(x: np.ndarray, y: np.ndarray) -> Line:
+    """
+    Return the line whose slope is the median of all slopes between points (Theil and Sen).
+
+    Its uncertainty is that of least squares with the spread of what is left, enlarged where
+    neighbours err alike; where that wanders, it is what such a wander makes of a slope.
+    """
     slope = theil_sen(x, y)
-    height = float(np.median(y - slope * (x - middle)))
-    rest = y - slope * (x - middle) - height
-    half = count // 2
-    halves = [theil_sen(x[:half], y[:half]), theil_sen(x[half:], y[half:])]
-    is_steady = all(slope * part > 0 and 0.3 < part / slope < 3 for part in halves)
+    height = float(np.median(y - slope * x))
+    rest = y - slope * x - height
+    # no better than clocks resolve
+    noise = max(spread(rest), 1e-7)
     alike = min(max(_autocorrelation(rest), 0.0), 0.9)
-    # no better than the clocks resolve
-    noise = max(spread(rest), 1e-7) * math.sqrt((1 + alike) / (1 - alike))
-    uncertainty = noise / (math.sqrt(count) * float(np.std(x)))
-    jitter = spread(latencies - slope * (seconds - middle))
-    return base_s + height, 1e6 * slope, 1e6 * uncertainty, jitter, is_steady
+    uncertainty = noise * math.sqrt((1 + alike) / (1 - alike) / len(x)) / float(np.std(x))
+    stands_out = abs(slope) > uncertainty
+    parts = [float(part.mean()) for part in np.array_split(rest, PARTS)]
+    wander = float(np.std(parts))
+    if wander**2 > WANDERS * noise**2 * PARTS / len(x):
+        uncertainty = max(uncertainty, HIDDEN * wander / float(np.ptp(x)))
+    half = len(x) // 2
+    halves = [theil_sen(x[:half], y[:half]), theil_sen(x[half:], y[half:])]
+    limit = max(BENT * abs(slope), HALF_DEVIATIONS * uncertainty)
+    is_step = stands_out and all(abs(part) < STRAIGHT * abs(slope) for part in halves)
+    is_straight = all(abs(part - slope) < limit for part in halves) and not is_step
+    return Line(slope, height, uncertainty, is_straight)
 
 
 def theil_sen(x: np.ndarray, y: np.ndarray) -> float:
@@ -106,23 +149,68 @@ def _autocorrelation(rest: np.ndarray) -> float:
     return float(rest[1:] @ rest[:-1]) / square if square else 0.0
 
 
+def is_drift(line: Line, duration_s: float, least_s: float = DRIFT_TOTAL_S) -> bool:
+    """Return whether two clocks drift apart for certain, and by more than something."""
+    slope = abs(line.slope)
+    return (
+        line.is_straight
+        and slope > max(DRIFT_PPM / 1e6, DEVIATIONS * line.uncertainty)
+        and slope * duration_s > least_s
+    )
+
+
+def _step(
+    stream: Stream, order: np.ndarray, lowest: np.ndarray, latencies: np.ndarray
+) -> Iterator[Finding]:
+    """Yield where the latency steps from one level to another, and stays there."""
+    assert stream.stamps_ns is not None
+    assert stream.logged_ns is not None
+    y = latencies[lowest]
+    count = len(y)
+    before, after = np.maximum.accumulate(y), np.minimum.accumulate(y[::-1])[::-1]
+    up = after[1:] - before[:-1]
+    before, after = np.minimum.accumulate(y), np.maximum.accumulate(y[::-1])[::-1]
+    down = before[:-1] - after[1:]
+    inner = slice(2, count - 3)
+    k = 2 + int(np.argmax(np.maximum(up, down)[inner]))
+    size = float(np.median(y[k + 1 :]) - np.median(y[: k + 1]))
+    noise = max(spread(y[: k + 1]), spread(y[k + 1 :]))
+    if max(up[k], down[k]) < max(STEP_S, STEP_SPREADS * noise):
+        return
+    a, b = int(lowest[k]), int(lowest[k + 1])
+    at = a + int(np.abs(np.diff(latencies[a : b + 1])).argmax())
+    stamped = float(np.diff(stream.stamps_ns[order[[at, at + 1]]])[0]) / 1e9
+    usual = float(np.median(np.diff(stream.stamps_ns[order]))) / 1e9
+    is_stamps = abs(stamped - usual) > abs(size) / 2
+    # a stamp that is set back is between those of others: sorting hid the step
+    is_stamps |= bool((np.diff(stream.stamps_ns) < -abs(size) * 5e8).any())
+    whose = 'that of the stamps' if is_stamps else 'that of the recorder, or transport'
+    yield Finding(
+        'clock_step', stream.topic, 'warn' if is_stamps else 'info',
+        f'a clock steps by {1e3 * abs(size):.3g} ms, most likely {whose}',
+        value=size, unit='s', moments=(_moment(stream, order, at),),
+    )  # fmt: skip
+
+
+def _moment(stream: Stream, order: np.ndarray, at: int) -> Moment:
+    return stream.moment(int(order[at]), int(order[at + 1]))
+
+
 def _findings(stream: Stream, found: Clocks) -> Iterator[Finding]:
     duration_s = float(np.ptp(stream.times_ns)) / 1e9
     drift, uncertainty = found.drift_ppm, found.drift_uncertainty_ppm
     if abs(drift) > REPLAYED_PPM:
-        yield Finding(
-            'replayed', stream.topic, 'info',
-            f'the stamps run at {1 / (1 + drift / 1e6):.4g} times the speed of the clock of the '
-            'recorder, as in a simulation or a replay',
-            value=drift, unit='ppm',
-        )  # fmt: skip
+        pace = 1 + drift / 1e6
+        speed = (
+            f'the stamps run at {1 / pace:.4g} times the speed of the clock of the recorder, as '
+            'in a simulation or a replay'
+            if pace > STANDS_STILL
+            else 'the clock of the recorder does not go forward with the stamps'
+        )
+        yield Finding('replayed', stream.topic, 'info', speed, value=drift, unit='ppm')
         return
-    total_s = abs(drift) * duration_s / 1e6
-    if (
-        abs(drift) > max(DRIFT_PPM, DEVIATIONS * uncertainty)
-        and total_s > DRIFT_TOTAL_S
-        and found.is_steady
-    ):
+    if is_drift(Line(drift / 1e6, 0.0, uncertainty / 1e6, found.is_steady), duration_s):
+        total_s = abs(drift) * duration_s / 1e6
         yield Finding(
             'clock_drift', stream.topic, 'warn',
             f'the clock of the recorder gains {drift:.1f} ± {1.96 * uncertainty:.1g} ppm on that '

@@ -25,6 +25,7 @@ COLUMNS = (
     'latency [ms]', 'drift [ppm]',
 )  # fmt: skip
 LONGEST_LATENCY_S = 1e4
+MOST_TIMES = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +66,11 @@ def text_document(report: Report) -> str:
     """Return the table of streams, what was found, what was expected, and the calibration."""
     from tabulate import tabulate
 
-    rows = [row(report, one) for one in report.streams()]
+    rows = table_rows(report)
     right = ('left', 'left', 'left', *['right'] * (len(COLUMNS) - 3))
     lines = tabulate(rows, COLUMNS, 'simple', disable_numparse=True, colalign=right).splitlines()
-    facts = list(_facts(report.inspection))
-    lines += ['', *facts] if facts else []
+    known = list(facts(report.inspection))
+    lines += ['', *known] if known else []
     if report.verdicts:
         lines.append('')
         lines += [
@@ -78,12 +79,27 @@ def text_document(report: Report) -> str:
         ]
     for finding in report.findings:
         lines += ['', *_paragraph(report, finding)]
-    if not any(finding.level != 'info' for finding in report.findings):
+    words = [one.level for one in report.findings] + [one.word for one in report.verdicts]
+    if not {'warn', 'fail'} & set(words):
         lines += ['', 'nothing is wrong with the streams']
     if report.calibration is not None:
         for source, sentences in report.calibration.sentences.items():
             lines += ['', f'{source}:', *(f'  {sentence}' for sentence in sentences)]
     return '\n'.join(map(printable, lines)) + '\n'
+
+
+def table_rows(report: Report) -> list[list[str]]:
+    """Return the cells of all streams, as COLUMNS has them, the worst first."""
+    silent = [
+        [WORDS[report.word(one.topic)], printable(one.topic), _type(one.msgtype), '0', *['-'] * 6]
+        for one in report.inspection.silent
+    ]
+    rows = [*silent, *(row(report, one) for one in report.streams())]
+    return sorted(rows, key=lambda cells: ('FAIL', 'warn', 'pass').index(cells[0]))
+
+
+def _type(msgtype: str) -> str:
+    return msgtype.rpartition('/')[2]
 
 
 def row(report: Report, one: Examined) -> list[str]:
@@ -98,8 +114,8 @@ def row(report: Report, one: Examined) -> list[str]:
             drift = f'{ppm:.1f} ± {1.96 * compared.drift_uncertainty_ppm:.1f}'
     return [
         WORDS[report.word(one.stream.topic)],
-        one.stream.topic,
-        one.stream.msgtype.rpartition('/')[2],
+        printable(one.stream.topic),
+        _type(one.stream.msgtype),
         f'{figures.count:,}',
         number(figures.rate_hz),
         number(1e3 * figures.jitter_p99_s),
@@ -110,7 +126,7 @@ def row(report: Report, one: Examined) -> list[str]:
     ]
 
 
-def _facts(inspection: Inspection) -> Iterator[str]:
+def facts(inspection: Inspection) -> Iterator[str]:
     """Yield what is known of several streams together, and of what each IMU felt."""
     if inspection.common_ns is not None:
         begin_ns, end_ns = inspection.common_ns
@@ -144,13 +160,19 @@ def _paragraph(report: Report, finding: Finding) -> Iterator[str]:
     where = f' {finding.topic}' if finding.topic else ''
     yield f'{WORDS[finding.level]}  {finding.name}{where}: {finding.message}'
     if finding.moments and finding.level != 'info':
-        begin_ns = report.inspection.begin_ns
-        times = [(moment.logged_begin_ns - begin_ns) / 1e9 for moment in finding.moments[:5]]
-        shown = [f'{seconds:.2f}' for seconds in times]
-        more = ', ...' if len(finding.moments) > 5 else ''
-        yield f'      at {", ".join(shown)}{more} s'
+        yield f'      {times(report, finding)}'
     if finding.level != 'info':
         yield f'      {finding.advice}'
+
+
+def times(report: Report, finding: Finding) -> str:
+    """Return when the first times of a finding were, in seconds of the recording."""
+    begin_ns = report.inspection.begin_ns
+    seconds = [
+        (moment.logged_begin_ns - begin_ns) / 1e9 for moment in finding.moments[:MOST_TIMES]
+    ]
+    more = ', ...' if len(finding.moments) > MOST_TIMES else ''
+    return f'at {", ".join(f"{at:.2f}" for at in seconds)}{more} s'
 
 
 def json_document(report: Report) -> str:
@@ -162,6 +184,7 @@ def json_document(report: Report) -> str:
         'tool': {'name': 'vio_eval_ros', 'version': __version__},
         'recording': report.source,
         'streams': [_stream(report, one) for one in report.streams()],
+        'silent': [{'topic': one.topic, 'type': one.msgtype} for one in report.inspection.silent],
         'pairs': [vars(pair) for pair in inspection.pairs],
         'common_span_ns': inspection.common_ns,
         'imu_to_camera_rate': inspection.imu_to_camera,

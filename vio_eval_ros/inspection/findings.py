@@ -6,13 +6,14 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
-from vio_eval_ros.inspection.streams import Moment
+from vio_eval_ros.core.stream import Moment
 
 LEVELS = ('info', 'warn', 'fail')
 
 #: Every name that a finding can have, and what to do about it.
 CURES = {
     # when the messages come
+    'silent': 'see whether the driver runs; nothing came on a topic that was recorded',
     'gap': 'find what stopped: a full buffer, a busy disk, a loose cable',
     'dropped': 'raise the bandwidth or the queues of driver and recorder, or lower the rate',
     'duplicate_stamps': 'look for two publishers of the topic, or a driver that stamps twice',
@@ -25,6 +26,7 @@ CURES = {
     'left_out': 'convert or rename what cannot be read',
     # clocks
     'clock_drift': 'synchronise the clocks (PTP), or correct the stamps by the drift',
+    'clock_step': 'do not set clocks while recording: let NTP or PTP slew them',
     'clock_offset': 'synchronise the clocks; compare stamps with stamps only',
     'replayed': 'nothing, where it was recorded from a simulation or a replay',
     # several streams

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vio_eval_ros.inspection.documents import COLUMNS, Report, row
+from vio_eval_ros.inspection.documents import COLUMNS, facts, Report, table_rows, times
 from vio_eval_ros.inspection.findings import Finding
 from vio_eval_ros.inspection.inspection import Examined
 from vio_eval_ros.reports.html import badge, swatch
@@ -45,19 +45,19 @@ def html_document(report: Report) -> str:
         tag('p', *_legend(), class_='soft'),
         plot(timeline(report), 70 + 34 * len(streams), 'timeline of all streams'),
         tag('h2', 'Findings'),
-        _findings(report.findings),
+        _findings(report),
         *_expected(report),
         tag('h2', 'Streams'),
         table(
             COLUMNS,
             [
-                [badge(report.word(one.stream.topic), cells[0].lower()), *cells[1:]]
-                for one in streams
-                for cells in [row(report, one)]
+                [badge(cells[0].lower(), cells[0].lower()), *cells[1:]]
+                for cells in table_rows(report)
             ],
             numbers=range(3, len(COLUMNS)),
             minor=(2, *range(5, len(COLUMNS))),
         ),
+        tag('ul', *(tag('li', fact) for fact in facts(report.inspection))),
         *_calibrated(report),
         *_periods(streams),
     )
@@ -65,13 +65,13 @@ def html_document(report: Report) -> str:
 
 def _summary(report: Report) -> str:
     inspection = report.inspection
-    facts = [f'{len(inspection.streams)} streams']
+    known = [f'{len(inspection.streams)} streams']
     if inspection.common_ns is not None:
         begin_ns, end_ns = inspection.common_ns
-        facts.append(f'{(end_ns - begin_ns) / 1e9:.1f} s common to all sensors')
+        known.append(f'{(end_ns - begin_ns) / 1e9:.1f} s common to all sensors')
     if math.isfinite(inspection.imu_to_camera):
-        facts.append(f'{inspection.imu_to_camera:.3g} IMU samples a frame')
-    return ', '.join(facts)
+        known.append(f'{inspection.imu_to_camera:.3g} IMU samples a frame')
+    return ', '.join(known)
 
 
 def _legend() -> list[object]:
@@ -82,8 +82,8 @@ def _legend() -> list[object]:
     ]  # fmt: skip
 
 
-def _findings(findings: Sequence[Finding]) -> Html:
-    if not findings:
+def _findings(report: Report) -> Html:
+    if not report.findings:
         return tag('p', 'Nothing is wrong with the streams.')
     rows = [
         [
@@ -94,11 +94,15 @@ def _findings(findings: Sequence[Finding]) -> Html:
                     tag('div', one.topic, class_='soft', style='min-width:9rem'),
                 ]
             ),
-            joined([one.message, '. ', _advice(one)]),
+            joined([one.message, _when(report, one), '. ', _advice(one)]),
         ]
-        for one in findings
+        for one in report.findings
     ]
     return table(['', 'finding', ''], rows)
+
+
+def _when(report: Report, finding: Finding) -> str:
+    return f', {times(report, finding)}' if finding.moments else ''
 
 
 def _advice(finding: Finding) -> Html:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 
+from vio_eval_ros.core.stream import Stream
 from vio_eval_ros.inspection.cameras import Pair, pairs
-from vio_eval_ros.inspection.clocks import Clocks, clocks
+from vio_eval_ros.inspection.clocks import Clocks, clocks, REPLAYED_PPM
 from vio_eval_ros.inspection.findings import Finding, worst_first
 from vio_eval_ros.inspection.inertial import Inertial, inertial
 from vio_eval_ros.inspection.motion import Motion, motion
-from vio_eval_ros.inspection.streams import Stream
 from vio_eval_ros.inspection.timing import Timing, timing
 
 # A stream begins late or ends early where it does so by this, and by five of its periods
@@ -45,7 +45,7 @@ class Inspection:
     """
     What was measured in a recording, and what is wrong with it.
 
-    :param streams: those with messages, by topic.
+    :param streams: those with messages, by topic; ``silent`` are those without.
     :param findings: worst first.
     :param common_ns: the first and the last stamp of the time that all sensors have in common;
         None where there is none.
@@ -53,6 +53,7 @@ class Inspection:
     """
 
     streams: list[Examined]
+    silent: list[Stream]
     pairs: list[Pair]
     findings: list[Finding]
     common_ns: tuple[int, int] | None
@@ -72,6 +73,8 @@ def inspect(streams: Sequence[Stream], left_out: Sequence[str] = ()) -> Inspecti
     """
     findings = [Finding('left_out', '', 'info', sentence) for sentence in left_out]
     examined = []
+    silent = sorted((one for one in streams if not len(one)), key=lambda one: one.topic)
+    findings += map(_silent, silent)
     for stream in sorted((one for one in streams if len(one)), key=lambda one: one.topic):
         one, found = _examine(stream)
         examined.append(one)
@@ -80,8 +83,14 @@ def inspect(streams: Sequence[Stream], left_out: Sequence[str] = ()) -> Inspecti
     sensors = [e for e in examined if e.stream.is_sensor and e.is_timed]
     common = _common(sensors)
     ratio, slow = _rates(sensors)
+    findings = [_alone(finding, examined) for finding in findings]
     findings += [*found, *_spans(examined), *_clocks_differ(sensors, common is not None), *slow]
-    return Inspection(examined, together, worst_first(findings), common, ratio)
+    return Inspection(examined, silent, together, worst_first(findings), common, ratio)
+
+
+def _silent(stream: Stream) -> Finding:
+    level = 'fail' if stream.is_sensor else 'warn' if stream.kind == 'pose' else 'info'
+    return Finding('silent', stream.topic, level, 'the topic was recorded, but has no messages', 0)
 
 
 def _examine(stream: Stream) -> tuple[Examined, list[Finding]]:
@@ -99,6 +108,19 @@ def _examine(stream: Stream) -> tuple[Examined, list[Finding]]:
         moved, found = motion(stream, figures)
         findings += found
     return Examined(stream, figures, compared, felt, moved), findings
+
+
+def _alone(finding: Finding, examined: Sequence[Examined]) -> Finding:
+    """Return a replay that not all streams are part of as what it is: a bad clock."""
+    drifts = [e.clocks.drift_ppm for e in examined if e.clocks is not None]
+    if finding.name != 'replayed' or all(not abs(drift) < REPLAYED_PPM for drift in drifts):
+        return finding
+    return replace(
+        finding,
+        name='clock_drift',
+        level='warn',
+        message=f'{finding.message}, but other streams do not',
+    )
 
 
 def _common(sensors: Sequence[Examined]) -> tuple[int, int] | None:
@@ -119,10 +141,11 @@ def _headers(stream: Stream) -> Iterator[Finding]:
             'frame_ids', stream.topic, level, f'messages name different frames: {names}',
             len(stream.frames),
         )  # fmt: skip
-    if stream.stamps_ns is not None and not stream.stamps_ns.all():
-        which = np.flatnonzero(stream.stamps_ns == 0)
+    if stream.stamps_ns is not None and not stream.is_stamped.all():
+        which = np.flatnonzero(~stream.is_stamped)
+        is_lost = stream.is_sensor and len(which) == len(stream)
         yield Finding(
-            'unstamped', stream.topic, level,
+            'unstamped', stream.topic, 'fail' if is_lost else level,
             f'{len(which)} of {len(stream)} messages have no stamp, or zero',
             len(which), moments=stream.moments(which, which),
         )  # fmt: skip
@@ -134,7 +157,8 @@ def _spans(examined: Sequence[Examined]) -> Iterator[Finding]:
     sensors = [e for e in known if e.stream.is_sensor] or known
     if len(sensors) < 2:
         return
-    begin = min(int(e.stream.arrivals_ns[0]) for e in sensors)
+    what = 'sensor' if sensors[0].stream.is_sensor else 'stream'
+    begin = min(int(e.stream.arrivals_ns.min()) for e in sensors)
     end = max(int(e.stream.arrivals_ns.max()) for e in sensors)
     for e in known:
         arrivals = e.stream.arrivals_ns
@@ -145,12 +169,13 @@ def _spans(examined: Sequence[Examined]) -> Iterator[Finding]:
         level = 'warn' if e.stream.is_sensor else 'info'
         index = {'late_start': arrivals.argmin(), 'early_end': arrivals.argmax()}
         for name, seconds, words in (
-            ('late_start', (first_ns - begin) / 1e9, 'begins {:.3g} s after the first sensor'),
-            ('early_end', (end - last_ns) / 1e9, 'ends {:.3g} s before the last sensor'),
+            ('late_start', (first_ns - begin) / 1e9, 'begins {:.3g} s after the first {}'),
+            ('early_end', (end - last_ns) / 1e9, 'ends {:.3g} s before the last {}'),
         ):
             if seconds > limit:
                 yield Finding(
-                    name, e.stream.topic, level, words.format(seconds), value=seconds, unit='s',
+                    name, e.stream.topic, level, words.format(seconds, what),
+                    value=seconds, unit='s',
                     moments=(e.stream.moment(int(index[name]), int(index[name])),),
                 )  # fmt: skip
 
@@ -172,15 +197,22 @@ def _clocks_differ(sensors: Sequence[Examined], has_common: bool) -> Iterator[Fi
     offsets = {e.stream.topic: e.clocks.offset_s for e in sensors if e.clocks is not None}
     if not offsets:
         return
-    usual = float(np.median(list(offsets.values())))
+    # what most of them agree with; of two that differ, the first
+    usual = max(offsets, key=lambda topic: _agreeing(offsets[topic], offsets))
     for topic, offset in offsets.items():
-        if abs(offset - usual) > SAME_CLOCK_S:
+        later = offset - offsets[usual]
+        if abs(later) > SAME_CLOCK_S:
             yield Finding(
                 'clock_offset', topic, 'warn',
-                f'stamped {abs(offset - usual):.4g} s {"earlier" if offset > usual else "later"} '
-                'than the other sensors, by the clock of the recorder',
-                value=offset - usual, unit='s',
+                f'stamped {abs(later):.4g} s {"earlier" if later > 0 else "later"} than {usual}, '
+                'by the clock of the recorder',
+                value=later, unit='s',
             )  # fmt: skip
+
+
+def _agreeing(offset: float, offsets: Mapping[str, float]) -> int:
+    """Return how many offsets are about the same."""
+    return sum(abs(other - offset) <= SAME_CLOCK_S for other in offsets.values())
 
 
 def _rates(sensors: Sequence[Examined]) -> tuple[float, list[Finding]]:

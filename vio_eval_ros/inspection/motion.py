@@ -10,13 +10,15 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.stream import runs, spread, Stream
 from vio_eval_ros.inspection.findings import Finding
-from vio_eval_ros.inspection.streams import runs, spread, Stream
 from vio_eval_ros.inspection.timing import Timing
 
 FROZEN_POSES = 5
 # A jump: faster than its neighbourhood by far, and far
 JUMP_M, JUMP_SPREADS, JUMP_TIMES, NEIGHBOURS = 0.05, 10.0, 3.0, 11
+# A turn of the head: the same of rotations
+JUMP_RAD = 0.2
 # Faster than cars on a motorway, and than drones that race tumble
 FASTEST_M_S, FASTEST_RAD_S = 60.0, 25.0
 UNIT = 0.01
@@ -28,7 +30,7 @@ class Motion:
     Figures of a stream of poses; NaN where they cannot be told.
 
     :param path_m: length of the path through all positions.
-    :param jumps: how often the position steps aside.
+    :param jumps: how often the position steps aside, and ``turns``, the orientation.
     :param frozen: poses that repeat the one before, in runs of five and more.
     """
 
@@ -37,6 +39,7 @@ class Motion:
     speed_p99_m_s: float
     rotation_p99_rad_s: float
     jumps: int
+    turns: int
     frozen: int
     not_finite: int
 
@@ -61,7 +64,8 @@ def motion(stream: Stream, timing: Timing) -> tuple[Motion | None, list[Finding]
     if poses.shape[1] == 7 and poses[:, 3:].any(axis=1).all():
         q = rotation.normalize(poses[:, 3:])
         turns = rotation.angle_between(q[:-1], q[1:]) / seconds
-    jumps = _jumps(speeds, seconds)
+    jumps = _jumps(speeds, seconds, JUMP_M)
+    leaps = _jumps(turns, seconds, JUMP_RAD)
     begins, ends = _frozen(poses)
     found = Motion(
         float(steps.sum()),
@@ -69,22 +73,24 @@ def motion(stream: Stream, timing: Timing) -> tuple[Motion | None, list[Finding]
         float(np.quantile(speeds, 0.99)),
         float(np.quantile(turns, 0.99)),
         len(jumps),
+        len(leaps),
         int(np.sum(ends - begins)),
         int(np.sum(~is_good)),
     )
-    findings += _jump(stream, order, steps, jumps)
+    findings += _jump(stream, order, steps, jumps, 'm')
+    findings += _jump(stream, order, turns * seconds, leaps, 'rad')
     findings += _frozen_finding(stream, order, steps, begins, ends)
     findings += _speeds(stream, found)
     return found, findings
 
 
-def _jumps(speeds: np.ndarray, seconds: np.ndarray) -> np.ndarray:
+def _jumps(speeds: np.ndarray, seconds: np.ndarray, least: float) -> np.ndarray:
     """Return the steps that are much faster than those around them, and than nearly all."""
-    if len(speeds) < NEIGHBOURS:
+    if len(speeds) < NEIGHBOURS or np.isnan(speeds).any():
         return np.empty(0, int)
     padded = np.pad(speeds, NEIGHBOURS // 2, mode='reflect')
     excess = speeds - np.median(sliding_window_view(padded, NEIGHBOURS), axis=1)
-    limit = np.maximum(JUMP_M / seconds, JUMP_SPREADS * spread(excess))
+    limit = np.maximum(least / seconds, JUMP_SPREADS * spread(excess))
     return np.flatnonzero((excess > limit) & (speeds > JUMP_TIMES * np.quantile(speeds, 0.95)))
 
 
@@ -117,16 +123,20 @@ def _numbers(stream: Stream, is_good: np.ndarray) -> Iterator[Finding]:
 
 
 def _jump(
-    stream: Stream, order: np.ndarray, steps: np.ndarray, jumps: np.ndarray
+    stream: Stream, order: np.ndarray, steps: np.ndarray, jumps: np.ndarray, unit: str
 ) -> Iterator[Finding]:
     if len(jumps):
         largest = float(steps[jumps].max())
         yield Finding(
             'jump', stream.topic, 'warn',
-            f'{len(jumps)} steps are far faster than the motion around them, the largest of '
-            f'{largest:.3g} m',
-            len(jumps), largest, 'm', stream.moments(order[jumps], order[jumps + 1]),
+            f'{_steps(len(jumps))} far faster than the motion around, the largest of '
+            f'{largest:.3g} {unit}',
+            len(jumps), largest, unit, stream.moments(order[jumps], order[jumps + 1]),
         )  # fmt: skip
+
+
+def _steps(count: int) -> str:
+    return '1 step is' if count == 1 else f'{count} steps are'
 
 
 def _frozen_finding(

@@ -9,21 +9,25 @@ from typing import Any
 
 import numpy as np
 
+from vio_eval_ros.core.stream import lower_median, Moment, spread, Stream
 from vio_eval_ros.inspection.findings import Finding
-from vio_eval_ros.inspection.streams import Moment, spread, Stream
 
 # An interval that is longer than a period by this much of it misses a message ...
 MISSING = 0.5
-# ... unless the periods of the stream spread so much that one in a million is longer
-SPREADS = 6.0
+# ... unless the periods of the stream spread so much that one in a million is longer. Jitter alone
+# makes periods shorter as often as longer, by no more than a period
+SPREADS, SHORTER, SHORTEST = 6.0, 1.2, 0.8
 # A gap, and no longer a few dropped messages
 GAP_PERIODS, GAP_S = 10.0, 0.1
-# Of the 99th percentile of the deviations from the period
-JITTER_OF_PERIOD, JITTER_S, JITTER_OF_SHORT_PERIOD = 0.03, 0.0005, 0.2
+# Of the 99th percentile of the deviations from the period: a part of it, within limits, and the
+# resolution of the stamps, which nobody has coarser than milliseconds without knowing
+JITTER_OF_PERIOD, JITTER_S, JITTER_OF_SHORT_PERIOD = 0.03, (0.0005, 0.0015), 0.2
+COARSEST_S = 0.001
 # A single interval that is off by more is told in any case
-OFF_BY = 0.3
-# Streams are regular where nearly all periods are alike
-ALIKE, NEARLY_ALL = 0.25, 0.9
+OFF_BY, OFF_BY_S = 0.4, 0.002
+# Streams are regular where nearly all periods are alike. They have a period where half are, and
+# come in bursts where by that period most messages are missing, all over the recording
+ALIKE, NEARLY_ALL, HALF, ALL_OVER = 0.25, 0.9, 0.5, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,8 +37,9 @@ class Timing:
 
     :param rate_hz: by the regression of the times on the number of the message, which counts
         those that are missing, and ``rate_uncertainty_hz``, its standard deviation.
-    :param period_s: the median; ``jitter_*_s`` are of the absolute deviations from it, of
-        intervals in which no message is missing.
+    :param period_s: the median, one of the periods, where half of them are like it; of others
+        the mean. ``jitter_*_s`` are of the absolute deviations from it, of intervals in which no
+        message is missing.
     :param missing: messages that are missing in all of the intervals that are too long.
     :param gaps: how many of these are long.
     :param backward: how often a message is earlier than the one before.
@@ -83,16 +88,17 @@ def timing(stream: Stream) -> tuple[Timing, list[Finding]]:
         figures = Timing(**known)
         return figures, list(_order(stream, figures, backward))
     periods = np.diff(distinct) / 1e9
-    period = float(np.median(periods))
-    whole = periods <= period + max(MISSING * period, SPREADS * spread(periods))
+    period, has_one = _period(periods)
     alike = float(np.mean(np.abs(periods - period) < ALIKE * period))
     is_regular = alike >= NEARLY_ALL
+    is_long = periods >= max(GAP_PERIODS * period, GAP_S)
+    whole = periods <= _longest(periods, period) if has_one else ~is_long
     # what comes by keyframe, by event or when it was recorded has no messages to be missing
     whole |= not (stream.is_sensor or is_regular) or stream.stamps_ns is None
     numbers = np.where(whole, 1, np.maximum(2, np.rint(periods / period)))
     deviations = np.abs(periods[whole] - period)
     rate, uncertainty = _rate(distinct, numbers)
-    is_gap = ~whole & (periods >= max(GAP_PERIODS * period, GAP_S))
+    is_gap = ~whole & is_long
     median, p99 = np.quantile(deviations, [0.5, 0.99])
     figures = Timing(
         **known,
@@ -120,6 +126,27 @@ def timing(stream: Stream) -> tuple[Timing, list[Finding]]:
     return figures, found
 
 
+def _period(periods: np.ndarray) -> tuple[float, bool]:
+    """Return the period, and whether there is one: messages in bursts have but a mean."""
+    period = lower_median(periods)
+    is_alike = np.abs(periods - period) < ALIKE * period
+    is_longer = periods > (1 + MISSING) * period
+    missing = float(np.sum(periods[is_longer] / period - 1))
+    in_bursts = missing > len(periods) and is_longer.mean() > ALL_OVER
+    if is_alike.mean() < HALF or in_bursts:
+        return float(periods.mean()), False
+    return period, True
+
+
+def _longest(periods: np.ndarray, period: float) -> float:
+    """Return how long an interval can be in which no message is missing."""
+    slack = SPREADS * spread(periods)
+    shorter = period - float(periods.min())
+    if shorter < SHORTEST * period:
+        slack = min(slack, SHORTER * shorter)
+    return period + max(MISSING * period, slack)
+
+
 def _rate(distinct: np.ndarray, numbers: np.ndarray) -> tuple[float, float]:
     """Return the rate [Hz] and its standard deviation, by least squares on the own clock."""
     index = np.concatenate([[0.0], np.cumsum(numbers)])
@@ -145,11 +172,14 @@ def _order(stream: Stream, figures: Timing, backward: np.ndarray) -> Iterator[Fi
             figures.backward, float(steps.max()), 's', stream.moments(backward - 1, backward),
         )  # fmt: skip
     if figures.duplicates:
+        mostly = 2 * figures.duplicates > len(stream)
+        level = 'info' if stream.kind == 'other' else 'warn'
+        level = 'fail' if stream.is_sensor and mostly else level
         values, first = np.unique(stream.times_ns, return_index=True)
         repeated = np.setdiff1d(np.arange(len(stream)), first, assume_unique=True)
         earlier = first[np.searchsorted(values, stream.times_ns[repeated])]
         yield Finding(
-            'duplicate_stamps', stream.topic, 'info' if stream.kind == 'other' else 'warn',
+            'duplicate_stamps', stream.topic, level,
             f'{figures.duplicates} of {len(stream)} messages have the stamp of an earlier one',
             figures.duplicates, figures.duplicates / len(stream), 'ratio',
             stream.moments(earlier, repeated),
@@ -179,11 +209,17 @@ def _lost(
             f'{lost}, up to {longest / figures.period_s - 1:.0f} in a row, where one is due '
             f'every {1e3 * figures.period_s:.4g} ms'
         )
-        level = 'warn' if stream.is_sensor else 'info'
+        level = _level(stream, figures)
     yield Finding(
         name, stream.topic, level, message, missing if name == 'dropped' else len(found), longest,
         's', stream.moments(order[found], order[found + 1]),
     )  # fmt: skip
+
+
+def _level(stream: Stream, figures: Timing) -> str:
+    """Return how bad it is where a stream is not as regular as it is otherwise."""
+    is_due = stream.is_sensor or (stream.kind == 'pose' and figures.is_regular)
+    return 'warn' if is_due else 'info'
 
 
 def _are(count: int) -> str:
@@ -194,9 +230,13 @@ def _jitter(
     stream: Stream, figures: Timing, order: np.ndarray, whole: np.ndarray
 ) -> Iterator[Finding]:
     period = figures.period_s
-    limit = max(JITTER_OF_PERIOD * period, min(JITTER_S, JITTER_OF_SHORT_PERIOD * period))
+    periods_ns = np.diff(stream.times_ns[order])
+    resolution = min(int(np.gcd.reduce(periods_ns)) / 1e9, COARSEST_S)
+    least, most = JITTER_S
+    limit = min(max(JITTER_OF_PERIOD * period, least), most, JITTER_OF_SHORT_PERIOD * period)
+    limit += resolution
     off = np.where(whole, np.abs(figures.periods_s - period), 0.0)
-    alone = max(OFF_BY * period, 2 * limit)
+    alone = max(min(OFF_BY_S, OFF_BY * period), SPREADS * spread(figures.periods_s[whole]), limit)
     if figures.jitter_p99_s <= limit and figures.jitter_max_s <= alone:
         return
     if not (stream.is_sensor or figures.is_regular):
@@ -204,7 +244,7 @@ def _jitter(
     worst = int(off.argmax())
     count = int(np.sum(off > (limit if figures.jitter_p99_s > limit else alone)))
     yield Finding(
-        'jitter', stream.topic, 'warn' if stream.is_sensor else 'info',
+        'jitter', stream.topic, _level(stream, figures),
         f'periods are off {1e3 * period:.4g} ms by {1e3 * figures.jitter_median_s:.3g} ms in the '
         f'median, {1e3 * figures.jitter_p99_s:.3g} ms in the 99th percentile and '
         f'{1e3 * figures.jitter_max_s:.3g} ms at most{_at_arrival(stream, order, whole)}',

@@ -7,6 +7,7 @@ A further sensor is one function and one line in :data:`SENSORS`.
 
 from __future__ import annotations
 
+from array import array
 from collections import defaultdict
 from collections.abc import Callable, Iterator, Mapping, Sequence
 import csv
@@ -22,6 +23,7 @@ from vio_eval_ros.recordings.bags import Topic
 from vio_eval_ros.recordings.storage import standard_types
 
 TYPES = standard_types(ros1=False).types
+LATEST_NS = 2**63 - 1
 ENCODINGS = {'L': 'mono8', 'I;16': 'mono16', 'RGB': 'rgb8'}  # of Pillow, of ROS
 
 
@@ -142,6 +144,11 @@ class AslFolder:
             stamps += ends
         self.span_ns = (min(stamps), max(stamps)) if stamps else None
 
+    def definition(self, topic: str) -> str:
+        """Return the definition of the messages of a topic, as ROS 2 writes it."""
+        msgtype = next(one.msgtype for one in self.topics if one.name == topic)
+        return standard_types(ros1=False).generate_msgdef(msgtype, ros_version=2)[0]
+
     def messages(
         self, names: set[str], start_ns: int, end_ns: int
     ) -> Iterator[tuple[int, str, bytes]]:
@@ -178,6 +185,32 @@ def _labelled(folder: Path, sensor: Sensor) -> Iterator[tuple[int, list[str], Pa
     return ((stamp_ns, row, folder, sensor) for stamp_ns, row in _rows(folder, sensor))
 
 
+def table(folder: Path, sensor: Sensor) -> tuple[np.ndarray, np.ndarray | None]:
+    """
+    Return the rows of a sensor as columns.
+
+    :return: (N,) int64 nanoseconds, and (N, 3), (N, 6) or (N, 7) numbers, quaternions x y z w as
+        messages have them; None of a camera.
+    :raises ReadError: rows that are no numbers.
+    """
+    width = sensor.columns - 1
+    has_numbers = width > 1  # cameras have the name of a file
+    stamps, numbers = array('q'), array('d')
+    for stamp_ns, row in _rows(folder, sensor):
+        stamps.append(stamp_ns)
+        if has_numbers:
+            try:
+                numbers.extend(map(float, row[1 : 1 + width]))
+            except ValueError as error:
+                raise ReadError(folder / 'data.csv', f'at stamp {stamp_ns}: {error}') from None
+    if not has_numbers:
+        return np.array(stamps, np.int64), None
+    columns = np.array(numbers).reshape(-1, width)
+    if width == 7:
+        columns = columns[:, [0, 1, 2, 4, 5, 6, 3]]
+    return np.array(stamps, np.int64), columns
+
+
 def _rows(folder: Path, sensor: Sensor) -> Iterator[tuple[int, list[str]]]:
     """Yield the stamp [ns] and the columns of each row of a sensor."""
     path = folder / 'data.csv'
@@ -190,6 +223,8 @@ def _rows(folder: Path, sensor: Sensor) -> Iterator[tuple[int, list[str]]]:
                     raise ReadError(
                         path, f'line {number} is not a stamp [ns] and {sensor.columns - 1} values'
                     )
+                if int(row[0]) > LATEST_NS:
+                    raise ReadError(path, f'line {number} is no stamp [ns]: it is too large')
                 yield int(row[0]), row
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ReadError(path, str(error)) from error

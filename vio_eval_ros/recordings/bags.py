@@ -12,6 +12,7 @@ from types import TracebackType
 from typing import Any, NamedTuple
 
 import numpy as np
+from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
 from vio_eval_ros.core.trajectory import Poses
@@ -25,13 +26,15 @@ from vio_eval_ros.recordings.storage import (
     open_storage,
     rosbag2_files,
     standard_types,
+    Timed,
     unreadable,
 )
 from vio_eval_ros.recordings.transforms import TF_TYPES, TransformTree
 
+HEADER = 'std_msgs/msg/Header'
 BLOCK_BYTES = 4 << 20  # decoded at once; larger blocks are not faster
 
-Sink = Callable[[bytes], None]  # takes the raw messages of a topic
+Sink = Callable[[int, bytes], None]  # takes when a message was recorded [ns], and its bytes
 
 
 @dataclass(frozen=True)
@@ -130,11 +133,11 @@ class Recording:
                     trees[name] = self._feed_tree(topic, sinks)
                 results[spec] = partial(_looked_up, trees[name], frames)
             else:
-                collector = _Collector(self._decoder(topic))
+                collector = _Collector(self.decoder(topic))
                 sinks[name].append(collector.add)
                 results[spec] = collector.read
 
-        self._feed(sinks, progress)
+        self.feed(sinks, progress)
         read = {spec: result() for spec, result in results.items()}
         for spec, found in read.items():
             if not len(found.poses):
@@ -142,14 +145,18 @@ class Recording:
         self.warnings += [line for tree in trees.values() for line in tree.warnings]
         return [read[spec] for spec in specs]
 
-    def _feed(self, sinks: Mapping[str, Sequence[Sink]], progress: Progress) -> None:
-        """Hand each message of some topics to the sinks of its topic."""
+    def feed(self, sinks: Mapping[str, Sequence[Sink]], progress: Progress = silent) -> None:
+        """
+        Hand each message of some topics to the sinks of its topic, file by file as written.
+
+        :raises ReadError: a recording that is damaged or lacks messages.
+        """
         received: Counter[str] = Counter()
         expected = {topic.name: topic.count for topic in self.topics if topic.name in sinks}
-        for name, message in progress(self._messages(set(sinks)), sum(expected.values())):
+        for log_ns, name, raw in progress(self._messages(set(sinks)), sum(expected.values())):
             received[name] += 1
             for sink in sinks[name]:
-                sink(message)
+                sink(log_ns, raw)
         for name, count in expected.items():
             if received[name] < count:
                 raise ReadError(
@@ -158,7 +165,7 @@ class Recording:
                     'recording is damaged, or its metadata.yaml belongs to another',
                 )
 
-    def _messages(self, names: set[str]) -> Iterator[tuple[str, bytes]]:
+    def _messages(self, names: set[str]) -> Iterator[Timed]:
         for storage in self._storages:
             try:
                 yield from storage.messages(names)
@@ -198,7 +205,12 @@ class Recording:
         ]
         return f'topics with poses: {", ".join(listed)}' if listed else 'no topic of it has poses'
 
-    def _decoder(self, topic: Topic) -> _Decoder:
+    def decoder(self, topic: Topic) -> Decoder:
+        """
+        Return what decodes the messages of a topic, by the definition in its first file.
+
+        :raises ReadError: another serialisation, a definition that is damaged.
+        """
         source = f'{self.path}:{topic.name}'
         storage, channel = next(
             (storage, channel)
@@ -207,7 +219,7 @@ class Recording:
             if channel.topic == topic.name
         )
         try:
-            return _Decoder(source, channel, storage.types(topic.msgtype))
+            return Decoder(source, channel, storage.types(topic.msgtype))
         except Exception as error:
             raise unreadable(source, error) from error
 
@@ -215,7 +227,7 @@ class Recording:
         """Return a tree that is fed with the messages of a TF topic and of its static twin."""
         tree = TransformTree(f'{self.path}:{topic.name}')
 
-        def sink(decoder: _Decoder, static: bool, message: bytes) -> None:
+        def sink(decoder: Decoder, static: bool, _: int, message: bytes) -> None:
             try:
                 tree.add(decoder.deserialize(message), static)
             except Exception as error:
@@ -224,7 +236,7 @@ class Recording:
         for fed in self.topics:
             if fed.name in (topic.name, f'{topic.name}_static') and fed.msgtype in TF_TYPES:
                 static = fed.name.endswith('_static')
-                sinks[fed.name].append(partial(sink, self._decoder(fed), static))
+                sinks[fed.name].append(partial(sink, self.decoder(fed), static))
         return tree
 
 
@@ -232,8 +244,14 @@ def _looked_up(tree: TransformTree, frames: str) -> Read:
     return Read(tree.lookup(frames))
 
 
-class _Decoder:
-    """Makes messages, or columns of numbers, of the raw bytes of one topic."""
+class Decoder:
+    """
+    Makes messages, or columns of numbers, of the raw bytes of one topic.
+
+    ``ros1`` says how they are serialised, ``is_standard`` whether the definition of their type is
+    the one that ROS has, ``is_known`` whether there is any, and ``has_header`` whether they begin
+    with a header.
+    """
 
     def __init__(self, source: str, channel: Channel, types: Typestore) -> None:
         if channel.encoding not in ('cdr', 'ros1'):
@@ -248,6 +266,9 @@ class _Decoder:
         self.is_standard = self.msgtype in standard.fielddefs and (
             types.hash_rihs01(self.msgtype) == standard.hash_rihs01(self.msgtype)
         )
+        self.is_known = self.msgtype in types.fielddefs
+        _, fields = types.fielddefs.get(self.msgtype, ((), []))
+        self.has_header = bool(fields) and fields[0][1] == (Nodetype.NAME, HEADER)
 
     def deserialize(self, message: bytes) -> Any:
         """Return one message."""
@@ -274,14 +295,14 @@ class _Decoder:
 class _Collector:
     """The poses of one topic, decoded a block at a time: memory holds columns, not messages."""
 
-    def __init__(self, decoder: _Decoder) -> None:
+    def __init__(self, decoder: Decoder) -> None:
         self._decoder = decoder
         self._path = PathRevisions(decoder.source) if decoder.msgtype == PATH else None
         self._block: list[bytes] = []
         self._bytes = 0
         self._columns: list[tuple[np.ndarray, np.ndarray]] = []
 
-    def add(self, message: bytes) -> None:
+    def add(self, _: int, message: bytes) -> None:
         """Take one message."""
         if self._path:
             self._path.add(messages.poses(*self._decoder.columns([message])))

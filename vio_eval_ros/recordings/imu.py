@@ -10,7 +10,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from vio_eval_ros.errors import ReadError, UnsupportedMessage
-from vio_eval_ros.recordings.bags import BLOCK_BYTES, Recording
+from vio_eval_ros.recordings.bags import BLOCK_BYTES, Decoder, Recording, Topic
 from vio_eval_ros.recordings.cdr import columns, Layout
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.storage import unreadable
@@ -68,61 +68,65 @@ def read_imu(path: Path, topic: str | None, sink: Sink, progress: Progress = sil
         if topic is not None:
             raise ReadError(path, f'is not a recording and has no topic {topic}')
         return _read_csv(files[0] if files else path, sink, progress)
-    with ImuRecording(path) as recording:
-        topic = recording.imu_topic(topic)
-        recording.samples(topic, sink, progress)
-    return ImuSource(path, topic, {})
+    with Recording(path) as recording:
+        found = _imu_topic(recording, topic)
+        _read_topic(recording, found, sink, progress)
+    return ImuSource(path, found.name, {})
 
 
-class ImuRecording(Recording):
-    """A recording, open to read the messages of its IMUs."""
-
-    def imu_topic(self, name: str | None) -> str:
-        """Return the topic of this name, or the only one with IMU messages."""
-        found = {topic.name: topic for topic in self.topics if topic.msgtype == IMU}
-        choice = f'topics of {IMU}: ' + (
-            ', '.join(f'{topic.name} ({topic.count})' for topic in found.values()) or 'none'
-        )
-        if name is None:
-            filled = [topic.name for topic in found.values() if topic.count]
-            if len(filled) != 1:
-                raise ReadError(self.path, f'name the one to be read with --topic; {choice}')
-            return filled[0]
-        if name not in found:
-            others = [topic.msgtype for topic in self.topics if topic.name == name]
-            if others:
-                raise UnsupportedMessage(f'{self.path}:{name}', f'carries {others[0]}; {choice}')
-            raise ReadError(f'{self.path}:{name}', f'there is no such topic; {choice}')
-        if not found[name].count:
-            raise ReadError(f'{self.path}:{name}', f'has no messages; {choice}')
-        return name
-
-    def samples(self, topic: str, sink: Sink, progress: Progress = silent) -> None:
-        """Hand all samples of a topic to a sink, in blocks."""
-        decoder = self._decoder(next(one for one in self.topics if one.name == topic))
-        block: list[bytes] = []
-        held = 0
-
-        def take(message: bytes) -> None:
-            nonlocal held
-            block.append(message)
-            held += len(message)
-            if held > BLOCK_BYTES:
-                flush()
-
-        def flush() -> None:
-            nonlocal held
-            if block:
-                sink(*_columns(block, decoder))
-                block.clear()
-                held = 0
-
-        self._feed({topic: [take]}, progress)
-        flush()
+def _imu_topic(recording: Recording, name: str | None) -> Topic:
+    """Return the topic of this name, or the only one with IMU messages."""
+    found = {topic.name: topic for topic in recording.topics if topic.msgtype == IMU}
+    choice = f'topics of {IMU}: ' + (
+        ', '.join(f'{topic.name} ({topic.count})' for topic in found.values()) or 'none'
+    )
+    path = recording.path
+    if name is None:
+        filled = [topic for topic in found.values() if topic.count]
+        if len(filled) != 1:
+            raise ReadError(path, f'name the one to be read with --topic; {choice}')
+        return filled[0]
+    if name not in found:
+        others = [topic.msgtype for topic in recording.topics if topic.name == name]
+        if others:
+            raise UnsupportedMessage(f'{path}:{name}', f'carries {others[0]}; {choice}')
+        raise ReadError(f'{path}:{name}', f'there is no such topic; {choice}')
+    if not found[name].count:
+        raise ReadError(f'{path}:{name}', f'has no messages; {choice}')
+    return found[name]
 
 
-def _columns(messages: list[bytes], decoder: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Return stamps and samples of serialised messages."""
+def _read_topic(recording: Recording, topic: Topic, sink: Sink, progress: Progress) -> None:
+    """Hand all samples of a topic to a sink, in blocks."""
+    decoder = recording.decoder(topic)
+    block: list[bytes] = []
+    held = 0
+
+    def take(_: int, message: bytes) -> None:
+        nonlocal held
+        block.append(message)
+        held += len(message)
+        if held > BLOCK_BYTES:
+            flush()
+
+    def flush() -> None:
+        nonlocal held
+        if block:
+            sink(*samples(block, decoder))
+            block.clear()
+            held = 0
+
+    recording.feed({topic.name: [take]}, progress)
+    flush()
+
+
+def samples(messages: list[bytes], decoder: Decoder) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return what serialised messages of an IMU hold.
+
+    :return: (N,) int64 nanoseconds, and (N, 6) gyroscope x y z, accelerometer x y z.
+    :raises ReadError: messages that are damaged.
+    """
     found = columns(LAYOUT, messages, decoder.ros1) if decoder.is_standard else None
     if found is not None:
         return found[0], found[1][:, SAMPLE]

@@ -26,20 +26,19 @@ from rosbags.typesys.store import Typestore
 
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.asl import AslFolder, sensors_in
-from vio_eval_ros.recordings.bags import Topic
+from vio_eval_ros.recordings.bags import HEADER, Topic
 from vio_eval_ros.recordings.storage import (
+    Channel,
     identify,
     McapStorage,
     rosbag2_files,
     RosbagsStorage,
     standard_types,
+    Timed,
     unreadable,
 )
 
-Timed = tuple[int, str, bytes]  # nanoseconds at which a message was recorded, topic, bytes
-
 RENAMED = {'tf/msg/tfMessage': 'tf2_msgs/msg/TFMessage'}  # the name before ROS 1 Hydro
-HEADER = 'std_msgs/msg/Header'
 
 
 @dataclass(frozen=True)
@@ -117,6 +116,15 @@ class Playback:
         traceback: TracebackType | None,
     ) -> None:
         self._stack.close()
+
+    def definition(self, topic: str) -> str:
+        """
+        Return the definition of the messages of a topic, as ROS 2 writes it.
+
+        :raises ReadError: where the recording does not have it, and it is no standard one.
+        """
+        source = next(s for s in self._sources if topic in {one.name for one in s.topics})
+        return source.definition(topic)
 
     def messages(self, names: set[str], start_ns: int, end_ns: int) -> Iterator[Timed]:
         """
@@ -235,12 +243,14 @@ class _Converted:
         self.topics: list[Topic] = []
         self._storage = storage
         self._converters: dict[str, Callable[[bytes], bytes] | None] = {}
+        self._channels: dict[str, Channel] = {}
         for channel in storage.channels:
             if channel.encoding not in ('cdr', 'ros1'):
                 self.warnings.append(f'{channel.topic} is serialised as {channel.encoding!r}')
                 continue
             msgtype = RENAMED.get(channel.msgtype, channel.msgtype)
             self.topics.append(Topic(channel.topic, msgtype, channel.count))
+            self._channels[channel.topic] = channel
             self._converters[channel.topic] = _converter(
                 storage.types(channel.msgtype), channel.msgtype, channel.encoding == 'ros1'
             )
@@ -250,6 +260,17 @@ class _Converted:
         for log_ns, topic, raw in self._storage.timed(names, start_ns, end_ns):
             convert = self._converters[topic]
             yield log_ns, topic, convert(raw) if convert else raw
+
+    def definition(self, topic: str) -> str:
+        """Return the definition of the messages of a topic, as ROS 2 writes it."""
+        channel = self._channels[topic]
+        types = self._storage.types(channel.msgtype)
+        msgtype = RENAMED.get(channel.msgtype, channel.msgtype)
+        if channel.encoding == 'ros1':
+            types = _of_ros2(types, msgtype)
+        if msgtype not in types.fielddefs:
+            raise ReadError(topic, f'the recording has no definition of {msgtype}')
+        return types.generate_msgdef(msgtype, ros_version=2)[0]
 
 
 def _storages(path: Path, stack: ExitStack) -> Sequence[_Converted]:
@@ -275,14 +296,19 @@ def _converter(types: Typestore, msgtype: str, ros1: bool) -> Callable[[bytes], 
     """
     if not ros1:
         return None
-    standard = standard_types(ros1=False)
     today = RENAMED.get(msgtype, msgtype)
-    if today in standard.fielddefs:
-        target = standard
-    else:
-        target = get_typestore(Stores.EMPTY)
-        target.register({**types.fielddefs, HEADER: standard.fielddefs[HEADER]})
+    target = _of_ros2(types, today)
     if is_same_wireformat(types, target, msgtype, today):
         return lambda raw: bytes(target.ros1_to_cdr(raw, today))
     migrate = partial(migrate_bytes, types, target, msgtype, today, {})
     return lambda raw: bytes(migrate(raw, src_is2=False, dst_is2=True))
+
+
+def _of_ros2(types: Typestore, msgtype: str) -> Typestore:
+    """Return the definitions of ROS 2 for a type that a recording of ROS 1 defines."""
+    standard = standard_types(ros1=False)
+    if msgtype in standard.fielddefs:
+        return standard
+    target = get_typestore(Stores.EMPTY)
+    target.register({**types.fielddefs, HEADER: standard.fielddefs[HEADER]})
+    return target

@@ -9,33 +9,33 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 import struct
 from typing import NamedTuple
 
 import numpy as np
-from rosbags.interfaces import Nodetype
-from rosbags.typesys.store import Typestore
 
+from vio_eval_ros.core.stream import Stream
 from vio_eval_ros.errors import ReadError
-from vio_eval_ros.inspection.streams import Stream
-from vio_eval_ros.recordings.asl import _rows, AslFolder, Sensor, sensors_in
-from vio_eval_ros.recordings.bags import _Decoder, BLOCK_BYTES
-from vio_eval_ros.recordings.imu import _columns, IMU
+from vio_eval_ros.recordings.asl import Sensor, sensors_in, table
+from vio_eval_ros.recordings.bags import BLOCK_BYTES, Decoder, Recording
+from vio_eval_ros.recordings.imu import IMU, samples
 from vio_eval_ros.recordings.messages import CONVERTERS, PATH
-from vio_eval_ros.recordings.playback import _Converted, HEADER, Playback, Timed
 from vio_eval_ros.recordings.progress import Progress, silent
-from vio_eval_ros.recordings.storage import Channel, unreadable
+from vio_eval_ros.recordings.storage import unreadable
 
-# numbers of a pose: what is behind, a covariance, is of no use here
-POSE_NUMBERS = 7
+IMAGES = ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage')
+# numbers of an IMU, and of a pose: what is behind, a covariance, is of no use here
+IMU_NUMBERS, POSE_NUMBERS = 6, 7
 
 
 class Sensors(NamedTuple):
     """
     What was read of a recording.
 
+    :param streams: of topics without messages, too.
     :param left_out: a sentence for each topic that cannot be read.
     """
 
@@ -50,114 +50,112 @@ def read_sensors(path: Path, progress: Progress = silent) -> Sensors:
     :param path: a ROS 1 bag, a rosbag2 folder, a bare .db3 or .mcap, or an ASL folder.
     :raises ReadError: what cannot be read, is damaged or has no message with a header.
     """
-    sensors = sensors_in(path)
-    if sensors:
-        streams, left_out = _read_folder(path, sensors, progress), []
+    folders = sensors_in(path)
+    if folders:
+        found = Sensors([_of_folder(*one) for one in progress(folders.items(), len(folders))], [])
     else:
-        recording = _SensorRecording(path)
-        with recording:
-            streams, left_out = recording.read(progress), recording.warnings
+        with Recording(path) as recording:
+            found = _of_recording(recording, progress)
+    streams = found.streams
+    if not any(map(len, streams)):
+        why = '; '.join(['there are no messages in it', *found.left_out])
+        raise ReadError(path, why)
     if not any(stream.stamps_ns is not None and len(stream) for stream in streams):
         listed = ', '.join(f'{stream.topic} ({stream.msgtype})' for stream in streams)
-        raise ReadError(path, f'no topic has messages with a header; there are {listed or "none"}')
-    return Sensors(streams, left_out)
+        raise ReadError(path, f'no topic has messages with a header; there are {listed}')
+    return found
 
 
-class _SensorRecording(Playback):
-    """A recording of ROS, open to read its streams without converting any message."""
+def _of_folder(folder: Path, sensor: Sensor) -> Stream:
+    """Return a stream of an ASL folder, which does not say when messages were recorded."""
+    stamps_ns, numbers = table(folder, sensor)
+    frames = {sensor.frame: len(stamps_ns)}
+    kind = _kind(sensor.msgtype, numbers is not None)
+    return Stream(sensor.topic, sensor.msgtype, kind, None, stamps_ns, frames, numbers)
 
-    def read(self, progress: Progress) -> list[Stream]:
-        """Return every stream that has messages."""
-        collectors = self._collectors()
-        total = sum(topic.count for topic in self.topics)
-        for log_ns, name, raw in progress(self._raw(set(collectors)), total):
-            collectors[name].add(log_ns, raw)
-        for topic in self.topics:
-            got = collectors[topic.name].count
-            if got < topic.count:
-                raise ReadError(
-                    topic.name,
-                    f'only {got} of the {topic.count} messages in the index are there; the '
-                    'recording is damaged, or its metadata.yaml belongs to another',
-                )
-        return [collectors[topic.name].stream() for topic in self.topics if topic.count]
 
-    def _collectors(self) -> dict[str, _Collector]:
-        """Return what takes the messages of each topic, by the definition in its first file."""
-        collectors: dict[str, _Collector] = {}
-        msgtypes = {topic.name: topic.msgtype for topic in self.topics}
-        for source in self._sources:
-            assert isinstance(source, _Converted)
-            for channel in source._storage.channels:
-                name = channel.topic
-                if name in msgtypes and name not in collectors:
-                    types = source._storage.types(channel.msgtype)
-                    collectors[name] = _Collector(source.path, msgtypes[name], channel, types)
-        return collectors
+def _kind(msgtype: str, has_numbers: bool) -> str:
+    """Return what a stream holds."""
+    if msgtype in IMAGES:
+        return 'camera'
+    if msgtype == IMU:
+        return 'imu'
+    return 'pose' if has_numbers else 'other'
 
-    def _raw(self, names: set[str]) -> Iterator[Timed]:
-        """Yield the messages of topics as they stand in the files, one file behind the other."""
-        for source in self._sources:
-            assert isinstance(source, _Converted)
-            assert source.span_ns
-            try:
-                yield from source._storage.timed(names, *source.span_ns)
-            except Exception as error:
-                raise unreadable(source.path, error) from error
+
+def _of_recording(recording: Recording, progress: Progress) -> Sensors:
+    collectors: dict[str, _Collector] = {}
+    left_out = []
+    for name, group in groupby(recording.topics, attrgetter('name')):
+        topics = list(group)
+        if len(topics) > 1:
+            types = ' and '.join(topic.msgtype for topic in topics)
+            left_out.append(f'{name} has messages of types {types}')
+            continue
+        try:
+            decoder = recording.decoder(topics[0])
+        except ReadError as error:
+            left_out.append(f'{name} {error.problem}')
+            continue
+        if not decoder.is_known:
+            left_out.append(
+                f'the recording has no definition of {topics[0].msgtype}: of {name} there is only '
+                'when messages were recorded'
+            )
+        collectors[name] = _Collector(name, decoder)
+    recording.feed({name: [one.add] for name, one in collectors.items()}, progress)
+    return Sensors([one.stream() for one in collectors.values()], left_out)
 
 
 class _Collector:
     """The columns of one topic, as its messages come in."""
 
-    def __init__(self, path: Path, msgtype: str, channel: Channel, types: Typestore) -> None:
-        self.count = 0
-        self._topic = channel.topic
-        self._source = f'{path}:{channel.topic}'
-        self._msgtype = msgtype
-        self._ros1 = channel.encoding == 'ros1'
-        self._has_header = _begins_with_header(types, channel.msgtype)
+    def __init__(self, topic: str, decoder: Decoder) -> None:
+        self._topic = topic
+        self._decoder = decoder
         self._logged, self._stamps = array('q'), array('q')
         self._frames: Counter[bytes] = Counter()
         self._block: list[bytes] = []
         self._bytes = 0
         self._parts: list[np.ndarray] = []
-        self._numbers: Callable[[list[bytes]], np.ndarray] | None = None
-        if self._has_header and (msgtype == IMU or (msgtype in CONVERTERS and msgtype != PATH)):
-            self._numbers = _numbers_of(_Decoder(self._source, channel, types))
+        msgtype = decoder.msgtype
+        self._has_numbers = decoder.has_header and (
+            msgtype == IMU or (msgtype in CONVERTERS and msgtype != PATH)
+        )
 
     def add(self, log_ns: int, raw: bytes) -> None:
         """Take one message."""
-        self.count += 1
         self._logged.append(log_ns)
-        if not self._has_header:
+        if not self._decoder.has_header:
             return
+        source = self._decoder.source
         try:
-            order = '<' if self._ros1 or raw[1] & 1 else '>'
+            order = '<' if self._decoder.ros1 or raw[1] & 1 else '>'
             _, seconds, nanoseconds, length = struct.unpack_from(f'{order}IiII', raw)
         except (struct.error, IndexError) as error:
-            raise unreadable(self._source, error) from error
+            raise unreadable(source, error) from error
         if length > len(raw) - 16:
-            raise ReadError(self._source, f'its message {self.count} is damaged')
+            raise ReadError(source, f'its message {len(self._logged)} is damaged')
         self._stamps.append(seconds * 1_000_000_000 + nanoseconds)
         self._frames[bytes(raw[16 : 16 + length])] += 1
-        if self._numbers:
+        if self._has_numbers:
             self._block.append(raw)
             self._bytes += len(raw)
             if self._bytes > BLOCK_BYTES:
                 self._decode()
 
     def stream(self) -> Stream:
-        """Return all messages, in the order in which they were recorded."""
+        """Return all messages, in the order in which they were written."""
         self._decode()
-        logged = np.array(self._logged, np.int64)
-        order = np.argsort(logged, kind='stable')
+        width = IMU_NUMBERS if self._decoder.msgtype == IMU else POSE_NUMBERS
         return Stream(
             self._topic,
-            self._msgtype,
-            logged[order],
-            np.array(self._stamps, np.int64)[order] if self._has_header else None,
+            self._decoder.msgtype,
+            _kind(self._decoder.msgtype, self._has_numbers),
+            np.array(self._logged, np.int64),
+            np.array(self._stamps, np.int64) if self._decoder.has_header else None,
             self._names(),
-            np.concatenate(self._parts)[order] if self._parts else None,
+            np.concatenate(self._parts or [np.empty((0, width))]) if self._has_numbers else None,
         )
 
     def _names(self) -> Counter[str]:
@@ -167,54 +165,10 @@ class _Collector:
         return names
 
     def _decode(self) -> None:
-        if self._block and self._numbers:
-            self._parts.append(self._numbers(self._block))
-            self._block, self._bytes = [], 0
-
-
-def _begins_with_header(types: Typestore, msgtype: str) -> bool:
-    """Return whether the first field of a message is a header; not so of unknown types."""
-    if msgtype not in types.fielddefs:
-        return False
-    _, fields = types.fielddefs[msgtype]
-    return bool(fields) and fields[0][1] == (Nodetype.NAME, HEADER)
-
-
-def _numbers_of(decoder: _Decoder) -> Callable[[list[bytes]], np.ndarray]:
-    """Return what makes columns of numbers of the messages of an IMU, or of poses."""
-    if decoder.msgtype == IMU:
-        return lambda block: _columns(block, decoder)[1]
-    return lambda block: decoder.columns(block)[1][:, :POSE_NUMBERS]
-
-
-def _read_folder(path: Path, sensors: dict[Path, Sensor], progress: Progress) -> list[Stream]:
-    """Return the streams of an ASL folder, which does not say when messages were recorded."""
-    counts = {topic.name: topic.count for topic in AslFolder(path, sensors).topics}
-    rows = ((folder, row) for folder, sensor in sensors.items() for row in _rows(folder, sensor))
-    stamps: dict[Path, array] = {folder: array('q') for folder in sensors}
-    numbers: dict[Path, array] = {folder: array('d') for folder in sensors}
-    for folder, (stamp_ns, row) in progress(rows, sum(counts.values())):
-        stamps[folder].append(stamp_ns)
-        if sensors[folder].columns > 2:  # the others are cameras
-            try:
-                numbers[folder].extend(map(float, row[1 : sensors[folder].columns]))
-            except ValueError as error:
-                raise ReadError(folder / 'data.csv', f'at stamp {stamp_ns}: {error}') from None
-    return [
-        Stream(
-            sensor.topic,
-            sensor.msgtype,
-            None,
-            np.array(stamps[folder], np.int64),
-            {sensor.frame: len(stamps[folder])},
-            _table(numbers[folder], sensor) if sensor.columns > 2 else None,
-        )
-        for folder, sensor in sensors.items()
-        if stamps[folder]
-    ]
-
-
-def _table(numbers: Sequence[float], sensor: Sensor) -> np.ndarray:
-    """Return (N, 3), (N, 6) or (N, 7) numbers; EuRoC's quaternions begin with w."""
-    table = np.array(numbers).reshape(-1, sensor.columns - 1)
-    return table if table.shape[1] < 7 else table[:, [0, 1, 2, 4, 5, 6, 3]]
+        if not self._block:
+            return
+        if self._decoder.msgtype == IMU:
+            self._parts.append(samples(self._block, self._decoder)[1])
+        else:
+            self._parts.append(self._decoder.columns(self._block)[1][:, :POSE_NUMBERS])
+        self._block, self._bytes = [], 0

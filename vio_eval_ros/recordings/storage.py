@@ -32,6 +32,8 @@ import yaml
 
 from vio_eval_ros.errors import ReadError
 
+Timed = tuple[int, str, bytes]  # nanoseconds at which a message was recorded, topic, bytes
+
 _MCAP_MAGIC = b'\x89MCAP0\r\n'  # begins and ends a file
 
 # The first bytes of each kind of file, the suffix it must have, its name, and how to mend it.
@@ -75,12 +77,12 @@ class RosbagsStorage:
         stored = self._reader.typestore
         return stored if msgtype in stored.fielddefs else standard_types(not self._reader.is2)
 
-    def messages(self, names: set[str]) -> Iterator[tuple[str, bytes]]:
-        """Yield topic and raw bytes of each message of some topics, in recorded order."""
+    def messages(self, names: set[str]) -> Iterator[Timed]:
+        """Yield the messages of some topics, in the order in which they were recorded."""
         wanted = [c for c in self._reader.connections if _rooted(c.topic) in names]
         if wanted:  # to rosbags, none means all
-            for connection, _, message in self._reader.messages(wanted):
-                yield _rooted(connection.topic), message
+            for connection, log_ns, message in self._reader.messages(wanted):
+                yield log_ns, _rooted(connection.topic), message
 
 
 class McapStorage:
@@ -127,11 +129,11 @@ class McapStorage:
         types.register(get_types_from_msg(schema.data.decode(), msgtype))
         return types
 
-    def messages(self, names: set[str]) -> Iterator[tuple[str, bytes]]:
-        """Yield topic and raw bytes of each message of some topics, in recorded order."""
+    def messages(self, names: set[str]) -> Iterator[Timed]:
+        """Yield the messages of some topics, in the order of the file."""
         # ROS 1 allows names without the leading slash
         for _, channel, message in self._records({*names, *(name[1:] for name in names)}):
-            yield _rooted(channel.topic), message.data
+            yield message.log_time, _rooted(channel.topic), message.data
 
     def _records(self, topics: set[str] | None = None) -> Iterator[tuple[Any, Any, Any]]:
         if self._is_indexed:

@@ -8,14 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-IMAGES = ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage')
-IMU = 'sensor_msgs/msg/Imu'
-
-
 # Larger numbers of an IMU or a pose are none: bytes that are something else
 LARGEST = 1e12
 # Of what happens more often, the first times are told
 MOST_MOMENTS = 200
+# Simulated time begins with 0, and the message behind it follows within so many periods
+SOON = 5.0
 
 
 class Moment(NamedTuple):
@@ -30,11 +28,12 @@ class Moment(NamedTuple):
 @dataclass(frozen=True, eq=False)
 class Stream:
     """
-    The messages of a topic, in the order in which they were recorded.
+    The messages of a topic, in the order in which they were written.
 
     :param msgtype: as ROS 2 spells it.
-    :param logged_ns: (N,) int64 nanoseconds, when each was recorded, ascending; None where that
-        is not known.
+    :param kind: what is in it, one of camera, imu, pose and other.
+    :param logged_ns: (N,) int64 nanoseconds, when each was recorded; None where that is not
+        known.
     :param stamps_ns: (N,) int64 nanoseconds, of their headers; None where they have none.
     :param frames: how many messages name each frame.
     :param numbers: (N, 6) of an IMU, rad/s and m/s²; (N, 3) or (N, 7) of poses, x y z in metres
@@ -43,6 +42,7 @@ class Stream:
 
     topic: str
     msgtype: str
+    kind: str
     logged_ns: np.ndarray | None
     stamps_ns: np.ndarray | None
     frames: Mapping[str, int]
@@ -64,15 +64,6 @@ class Stream:
         return self.times_ns if self.logged_ns is None else self.logged_ns
 
     @property
-    def kind(self) -> str:
-        """One of camera, imu, pose and other."""
-        if self.msgtype in IMAGES:
-            return 'camera'
-        if self.msgtype == IMU:
-            return 'imu'
-        return 'other' if self.numbers is None else 'pose'
-
-    @property
     def is_sensor(self) -> bool:
         """Whether a VIO takes it for input."""
         return self.kind in ('camera', 'imu')
@@ -83,11 +74,23 @@ class Stream:
         assert self.numbers is not None
         return (np.abs(self.numbers) < LARGEST).all(axis=1)
 
-    def stamped(self) -> Stream:
-        """Return the messages whose stamp is not zero; all, without stamps, where all are zero."""
-        if self.stamps_ns is None or self.stamps_ns.all():
-            return self
+    @property
+    def is_stamped(self) -> np.ndarray:
+        """(N,) whether a message has a stamp: zero is none, but where a simulation begins."""
+        assert self.stamps_ns is not None
         known = self.stamps_ns != 0
+        later = self.stamps_ns[1:]
+        if len(later) > 1 and not known[0] and later[0] > 0:
+            known[0] = later[0] <= SOON * lower_median(np.abs(np.diff(later)))
+        return known
+
+    def stamped(self) -> Stream:
+        """Return the messages that have a stamp; all, without stamps, where none has one."""
+        if self.stamps_ns is None:
+            return self
+        known = self.is_stamped
+        if known.all():
+            return self
         if not known.any() and self.logged_ns is not None:
             return replace(self, stamps_ns=None)
         return replace(
@@ -114,6 +117,11 @@ def runs(is_so: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return where each run of true values begins and the index behind its end."""
     edges = np.diff(np.concatenate([[0], is_so.astype(np.int8), [0]]))
     return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
+
+
+def lower_median(values: np.ndarray) -> float:
+    """Return the value that half of the others reach: one of them, not what is between two."""
+    return float(np.quantile(values, 0.5, method='lower'))
 
 
 def spread(values: np.ndarray) -> float:
