@@ -1,7 +1,8 @@
 """
 Diagnoses runs that have nothing wrong, and says what is named all the same.
 
-Simulated flights of several lengths, drifts and seeds; the first seconds of published runs, as
+Simulated flights of several lengths, drifts and seeds; cars, wheeled robots and what is carried
+by hand, against truth with noise of its own; the first seconds of published runs, as
 the live node sees them; published runs on other data than benchmarks/confusion.py takes, which may
 have something wrong; and how long it takes. Prints Markdown tables.
 """
@@ -10,6 +11,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
+from dataclasses import replace
+from functools import reduce
 import json
 import math
 import os
@@ -20,6 +23,7 @@ os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
 import numpy as np
 
+from vio_eval_ros.core import rotation
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.trajectory import clean, Cleaning, Pairs, Trajectory
@@ -28,12 +32,22 @@ from vio_eval_ros.diagnosis.run import Run
 from vio_eval_ros.errors import NoPairs
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.simulation import Drift, simulate
+from vio_eval_ros.simulation.drift import estimate
+from vio_eval_ros.simulation.flight import FIRST_STAMP_NS
 
 PROJECT = Path(__file__).resolve().parents[1]
 DATA = Path(os.environ.get('VIO_EVAL_ROS_DATA', PROJECT.parent / 'shared' / 'data'))
 CONFIG = EvaluationConfig()
 LENGTHS_S, SEEDS = (20.0, 60.0, 180.0), range(1000, 1020)
 DRIFTS = (0.3, 1.0, 2.0, 4.0)
+# a car drives too far for a VIO to stay within a hand's breadth
+MOTIONS = {
+    'flight': Drift(),
+    'hand': Drift(),
+    'floor': Drift(),
+    'car': Drift(position_walk=0.05, position_noise=0.01),
+}
+STEP_S, TRUTH_NOISE = 0.0025, 1e-3
 PREFIXES_S = (10, 20, 30, 45, 60)
 SIZES = (1_200, 6_000, 20_000)
 KITTI = 'evo_test_data/KITTI_00'
@@ -56,6 +70,7 @@ OTHERS = [
 def main() -> None:
     """Print all tables."""
     simulated()
+    motions()
     if DATA.is_dir():
         beginnings()
         others()
@@ -82,6 +97,70 @@ def simulated() -> None:
                 counted([diagnose(one.estimate, one.ground_truth, CONFIG) for one in flights])
             )
         print(f'| {times:g} times | ' + ' | '.join(cells) + ' |')
+
+
+def motions() -> None:
+    """Print what is named of other motions than flights, against a truth that is noisy."""
+    print('\n| motion | ' + ' | '.join(f'{length:g} s' for length in LENGTHS_S) + ' |')
+    print('|---|' + '---|' * len(LENGTHS_S))
+    for kind, drift in MOTIONS.items():
+        cells = []
+        for length_s in LENGTHS_S:
+            cells.append(counted([diagnose(*moved(kind, seed, length_s, drift), CONFIG)
+                                  for seed in SEEDS]))  # fmt: skip
+        print(f'| {kind} | ' + ' | '.join(cells) + ' |')
+
+
+def moved(
+    kind: str, seed: int, length_s: float, drift: Drift
+) -> tuple[Trajectory, Trajectory]:  # fmt: skip
+    """Return an estimate at 20 Hz and a truth at 200 Hz whose noise is 1 mm and 2 mrad."""
+    source = np.random.default_rng(seed)
+    if kind == 'flight':
+        run = simulate(length_s, seed=seed, drift=drift)
+        estimated, truth = run.estimate, run.ground_truth
+    else:
+        poses = ridden(kind, source, round(length_s / STEP_S))
+        estimated, truth = estimate(poses[1::20], drift, source), poses[::2]
+    assert truth.rotations is not None
+    noise = source.normal(0, TRUTH_NOISE, (2, len(truth), 3))
+    turns = rotation.from_rotation_vector(2 * noise[1])
+    return estimated, replace(
+        truth,
+        positions=truth.positions + noise[0],
+        rotations=rotation.multiply(truth.rotations, turns),
+    )
+
+
+def ridden(kind: str, source: np.random.Generator, count: int) -> Trajectory:
+    """Return poses of a car, of a robot on a flat floor, or of what is carried by hand."""
+
+    def smooth(over_s: float) -> np.ndarray:
+        """Return (N,) noise of variance 1 that changes within so many seconds."""
+        padded = count + round(20 * over_s / STEP_S)
+        frequencies = np.fft.rfftfreq(padded, STEP_S)
+        kept = np.exp(-0.5 * (2 * math.pi * frequencies * over_s) ** 2)
+        values = np.fft.irfft(kept * np.fft.rfft(source.standard_normal(padded)), padded)[:count]
+        return np.asarray(values / values.std())
+
+    flat = np.zeros(count)
+    if kind == 'hand':
+        yaw, tips = 1.2 * smooth(1.5), [0.3 * smooth(0.5), 0.3 * smooth(0.5)]
+        positions = np.stack([1.5 * smooth(3), 1.5 * smooth(3), 0.3 * smooth(1)], -1)
+    else:
+        speed = np.clip(8 + 3 * smooth(6), 0, None) if kind == 'car' else 0.5 + 0.3 * smooth(2)
+        rate = 0.25 * smooth(2.5) * speed / 8 if kind == 'car' else 0.5 * smooth(1.5)
+        yaw = np.cumsum(rate) * STEP_S
+        height = 0.3 * smooth(8) if kind == 'car' else flat
+        tips = [0.015 * smooth(0.3), 0.015 * smooth(0.3)] if kind == 'car' else [flat, flat]
+        along = STEP_S * np.cumsum([speed * np.cos(yaw), speed * np.sin(yaw)], axis=1)
+        positions = np.stack([*along, height], -1)
+    turns = (
+        rotation.from_rotation_vector(angle[:, None] * axis)
+        for angle, axis in zip((yaw, *tips), np.eye(3)[[2, 1, 0]], strict=True)
+    )
+    stamps_ns = FIRST_STAMP_NS + round(1e9 * STEP_S) * np.arange(count)
+    return Trajectory(stamps_ns, positions, reduce(rotation.multiply, turns))
 
 
 def counted(found: list[Diagnosis]) -> str:
@@ -121,11 +200,11 @@ def published() -> Iterator[tuple[str, str]]:
 def poses_of(*specs: str) -> tuple[Trajectory, Trajectory]:
     """Return an estimate and its truth."""
     times = DATA / f'{KITTI}_gt_times.txt' if KITTI in specs[0] else None
-    estimate, truth = (
+    estimated, truth = (
         clean(source.poses, Cleaning(), zero_stamps=source.zero_stamps)
         for source in read_sources([f'{DATA}/{spec}' for spec in specs], None, times)
     )
-    return estimate, truth
+    return estimated, truth
 
 
 def pairs_of(estimate: Trajectory, truth: Trajectory) -> Pairs:

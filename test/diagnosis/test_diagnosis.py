@@ -103,6 +103,38 @@ def test_a_turned_sensor_is_turned_back(degrees):
     assert len(found.causes[0].flags) == 8
 
 
+@pytest.mark.parametrize('seed', range(4))
+def test_noise_of_the_true_orientations_passes_for_no_offset(seed):
+    rng = np.random.default_rng(seed)
+    noise = rotation.from_rotation_vector(rng.normal(0, 2e-3, (len(TRUTH), 3)))
+    noisy = replace(TRUTH, rotations=rotation.multiply(TRUTH.rotations, noise))
+    found = diagnose(late(0.0371), noisy, CONFIG).findings['time_offset']
+    assert abs(found['value'] - 0.0371) <= found['uncertainty'] < 3e-3
+    assert found['value'] == pytest.approx(0.0371, abs=1e-3)
+
+
+def on_a_floor(poses: Trajectory, noise: float, rng: np.random.Generator) -> Trajectory:
+    # what a wheeled robot does: the heading alone turns
+    heading = rotation.to_rotation_vector(poses.rotations)[:, 2]
+    turns = rotation.from_rotation_vector(np.outer(heading, [0, 0, 1]))
+    wobble = rotation.from_rotation_vector(rng.normal(0, noise, (len(poses), 3)))
+    return replace(
+        poses,
+        positions=poses.positions * [1, 1, 0],
+        rotations=rotation.multiply(turns, wobble),
+    )
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_turns_about_one_axis_tell_neither_sensor_nor_conventions(seed):
+    rng, run = np.random.default_rng(seed), simulate(duration_s=30.0, seed=seed)
+    found = diagnose(
+        on_a_floor(run.estimate, 3e-3, rng), on_a_floor(run.ground_truth, 1e-3, rng), CONFIG
+    )
+    assert names(found) == []
+    assert {'sensor_rotation', 'axes_swapped', 'pose_inverted'} <= set(found.cannot_tell)
+
+
 def test_a_lever_arm_is_found_to_a_centimetre():
     lever = np.array([0.1, -0.2, 0.05])
     moved = ESTIMATE.positions + rotation.rotate(ESTIMATE.rotations, lever)
@@ -138,6 +170,19 @@ def test_a_tilted_world_is_found_to_a_tenth_of_a_degree():
     assert found.causes[0].value == pytest.approx(4.0, abs=0.1)
 
 
+def test_the_flags_of_two_causes_do_not_undo_each_other():
+    tilt = about([1, 1, 0], 4.0)
+    harmed = replace(
+        ESTIMATE,
+        positions=1.2 * rotation.rotate(tilt, ESTIMATE.positions),
+        rotations=rotation.multiply(tilt, ESTIMATE.rotations),
+    )
+    for alignment in ('posyaw', 'se3'):
+        found = diagnosis_of(harmed, alignment=alignment)
+        assert set(names(found)) == {'scale', 'gravity_tilt'}
+        assert {c.flags for c in found.causes if c.flags} == {('--alignment', 'sim3')}
+
+
 def test_of_a_world_that_never_was_upright_no_tilt_can_be_told():
     turn = about([1, 0, 0], 100.0)
     found = diagnosis_of(
@@ -160,6 +205,77 @@ def test_a_jump_is_found_at_its_sample():
     assert jump['stamp_ns'] == ESTIMATE.stamps_ns[600]
     assert found.causes[0].value == pytest.approx(math.sqrt(0.26), abs=0.03)
     assert found.causes[0].ate_after_m == pytest.approx(HEALTHY.errors_before['ATE [m]'], rel=0.05)
+
+
+@pytest.mark.parametrize('metres', [0.0, 0.5])
+def test_a_reset_that_turns_the_world_is_a_jump(metres):
+    turn, half = about([0, 0, 1], 17.0), len(ESTIMATE) // 2
+    positions, rotations = ESTIMATE.positions.copy(), ESTIMATE.rotations.copy()
+    here = positions[half].copy()
+    positions[half:] = rotation.rotate(turn, positions[half:] - here) + here + [metres, 0, 0]
+    rotations[half:] = rotation.multiply(turn, rotations[half:])
+    found = diagnosis_of(replace(ESTIMATE, positions=positions, rotations=rotations))
+    assert names(found) == ['jump']
+    (jump,) = found.findings['jumps']
+    assert jump['turn_deg'] == pytest.approx(17.0, abs=0.5)
+    assert jump['size_m'] == pytest.approx(metres, abs=0.05)
+    assert found.errors_after['ATE [m]'] < 1.3 * HEALTHY.errors_before['ATE [m]']
+
+
+def test_a_burst_of_poses_that_returns_is_made_of_outliers():
+    positions = ESTIMATE.positions.copy()
+    positions[300:312] += [1.0, 0.0, 0.0]
+    positions[700:708] += [0.0, -1.5, 0.0]
+    found = diagnosis_of(replace(ESTIMATE, positions=positions))
+    assert names(found) == ['outliers']
+    assert len(found.findings['outlier_poses']['stamps_ns']) == 20
+
+
+def test_outliers_of_a_third_of_the_poses_are_still_outliers():
+    rng = np.random.default_rng(1)
+    rows = rng.choice(len(ESTIMATE), len(ESTIMATE) // 3, replace=False)
+    positions = ESTIMATE.positions.copy()
+    positions[rows] += 2 * rng.normal(size=(len(rows), 3))
+    assert names(diagnosis_of(replace(ESTIMATE, positions=positions)))[0] == 'outliers'
+
+
+def test_who_flies_fifty_metres_away_does_not_hide_in_the_fit():
+    count = len(ESTIMATE) // 5
+    positions = ESTIMATE.positions.copy()
+    positions[-count:] += np.linspace(0, 1, count)[:, None] ** 2 * [50.0, 0.0, 0.0]
+    found = diagnosis_of(replace(ESTIMATE, positions=positions))
+    assert names(found) == ['diverged']
+    assert found.causes[0].value == pytest.approx(0.2, abs=0.05)
+
+
+def test_poses_that_are_dropped_all_over_the_run_are_lost():
+    kept = np.random.default_rng(0).random(len(ESTIMATE)) > 0.1
+    found = diagnosis_of(ESTIMATE[kept])
+    assert names(found) == ['lost_tracking']
+    assert found.causes[0].value == pytest.approx(0.1, abs=0.03)
+    assert names(diagnosis_of(ESTIMATE[::2])) == []
+
+
+def test_an_estimate_that_repeats_its_pose_has_lost_track():
+    positions, rotations = ESTIMATE.positions.copy(), ESTIMATE.rotations.copy()
+    positions[600:], rotations[600:] = positions[600], rotations[600]
+    found = diagnosis_of(replace(ESTIMATE, positions=positions, rotations=rotations))
+    assert names(found) == ['lost_tracking']
+
+
+def test_no_estimate_as_bad_as_none_is_called_healthy():
+    nowhere = replace(ESTIMATE, positions=0 * ESTIMATE.positions)
+    assert names(diagnosis_of(nowhere)) == ['insufficient_motion']
+    walk = np.cumsum(np.random.default_rng(0).normal(0, 3e-3, (len(ESTIMATE), 3)), axis=0)
+    assert names(diagnosis_of(replace(ESTIMATE, positions=walk))) != []
+
+
+@pytest.mark.parametrize('seed', range(4))
+def test_two_seconds_tell_nothing(seed):
+    run = simulate(duration_s=2.0, seed=seed)
+    found = diagnose(run.estimate, run.ground_truth, CONFIG)
+    assert names(found) == []
+    assert {'time_offset', 'scale', 'sensor_rotation'} <= set(found.cannot_tell)
 
 
 def test_a_step_that_takes_back_an_error_is_no_fault():
@@ -284,6 +400,39 @@ def test_estimate_and_truth_in_each_others_place_are_noticed():
     assert 'swapped_inputs' not in names(HEALTHY)
 
 
+def test_exchanged_sides_of_one_rate_are_told_by_where_they_begin():
+    found = diagnose(TRUTH[::10], ESTIMATE, CONFIG)
+    assert names(found)[0] == 'swapped_inputs'
+    assert found.causes[0].confidence < 0.7
+
+
+def test_axes_of_the_truth_are_told_from_those_of_the_estimate():
+    turn = about([0, 0, 1], 30.0)
+    elsewhere = replace(
+        TRUTH,
+        positions=rotation.rotate(turn, TRUTH.positions)[:, [1, 0, 2]],
+        rotations=rotation.multiply(turn, TRUTH.rotations),
+    )
+    found = diagnose(ESTIMATE, elsewhere, CONFIG)
+    assert [(cause.name, cause.side) for cause in found.causes] == [
+        ('axes_swapped', 'ground_truth')
+    ]
+
+
+def test_a_noisy_truth_of_one_place_is_static():
+    noise = np.random.default_rng(0).normal(0, 0.02, TRUTH.positions.shape)
+    assert names(diagnose(ESTIMATE, replace(TRUTH, positions=noise), CONFIG)) == ['truth_static']
+
+
+def test_a_truth_that_froze_for_a_while_is_named_and_the_rest_diagnosed():
+    positions, rotations = TRUTH.positions.copy(), TRUTH.rotations.copy()
+    positions[6000:], rotations[6000:] = positions[6000], rotations[6000]
+    found = diagnose(late(0.1), replace(TRUTH, positions=positions, rotations=rotations), CONFIG)
+    assert names(found)[0] == 'truth_static'
+    assert found.causes[0].value == pytest.approx(0.5, abs=0.01)
+    assert found.findings['time_offset']['value'] == pytest.approx(0.1, abs=1e-3)
+
+
 def test_a_truth_that_stands_still_is_named_and_nothing_else():
     static = replace(
         TRUTH,
@@ -335,6 +484,19 @@ def test_positions_alone_still_tell_offset_and_scale():
     assert set(names(found)) == {'time_offset', 'scale'}
     assert found.findings['time_offset']['value'] == pytest.approx(0.1, abs=5e-3)
     assert {'sensor_rotation', 'lever_arm', 'yaw_drift'} <= set(found.cannot_tell)
+
+
+def test_positions_alone_tell_small_offsets_and_tilts_but_no_drift_of_a_clock():
+    points = replace(TRUTH, rotations=None)
+    found = diagnose(late(0.02), points, CONFIG)
+    assert names(found) == ['time_offset']
+    assert found.causes[0].value == pytest.approx(0.02, abs=3e-3)
+    assert 'clock_drift' in found.cannot_tell
+    tilt = about([1, 1, 0], 5.0)
+    tilted = replace(ESTIMATE, positions=rotation.rotate(tilt, ESTIMATE.positions))
+    found = diagnose(tilted, points, CONFIG)
+    assert names(found) == ['gravity_tilt']
+    assert found.causes[0].value == pytest.approx(5.0, abs=0.5)
 
 
 def test_two_faults_at_once_are_both_named():

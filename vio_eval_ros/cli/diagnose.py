@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
+from dataclasses import replace
 import json
 import math
 from pathlib import Path
@@ -87,8 +88,11 @@ def _run(arguments: argparse.Namespace) -> int:
     failing = _failing(arguments.fail_on)
     config = config_of(arguments)
     estimate, truth = sources_of(arguments)
-    poses = _cleaned(estimate)
-    diagnosis = diagnose(poses, _cleaned(truth), config)
+    counts = {'estimate': Cleaning(), 'ground_truth': Cleaning()}
+    poses = _cleaned(estimate, counts['estimate'])
+    diagnosis = diagnose(poses, _cleaned(truth, counts['ground_truth']), config)
+    diagnosis.findings['dropped'] = {side: count.dropped for side, count in counts.items()}
+    diagnosis = _stated({'estimate': estimate, 'ground_truth': truth}, diagnosis)
     gyroscope = None if arguments.imu is None else _gyroscope(arguments, poses)
     if arguments.json:
         found = diagnosis.to_dict()
@@ -117,8 +121,27 @@ def _failing(listed: str | None) -> set[str]:
     return names
 
 
-def _cleaned(source: Source) -> Trajectory:
-    return clean(source.poses, Cleaning(), zero_stamps=source.zero_stamps)
+def _cleaned(source: Source, counts: Cleaning) -> Trajectory:
+    return clean(source.poses, counts, zero_stamps=source.zero_stamps)
+
+
+def _stated(sources: dict[str, Source], diagnosis: Diagnosis) -> Diagnosis:
+    """
+    Return the diagnosis without flags that say no more than how a side was read.
+
+    A topic has the order of its type. What cannot be stated leaves frames that no flag corrects.
+    """
+    causes, misread = [], set()
+    for cause in diagnosis.causes:
+        source = sources[cause.side]
+        spec = Spec.parse(source.spec)
+        order = spec.statements.get('quaternion', 'wxyz' if source.kind == 'euroc' else 'xyzw')
+        stated = cause.flags == (f'?quaternion={order}',)
+        if cause.name == 'quaternion_order' and (stated or spec.topic):
+            misread.add(cause.side)
+        kept = cause.side not in misread or cause.flags[:1] == ('--time-offset-s',)
+        causes.append(cause if kept else replace(cause, flags=()))
+    return replace(diagnosis, causes=tuple(causes))
 
 
 def _text(diagnosis: Diagnosis, estimate: Trajectory) -> list[str]:
@@ -153,6 +176,10 @@ def _text(diagnosis: Diagnosis, estimate: Trajectory) -> list[str]:
 def _warnings(diagnosis: Diagnosis) -> list[str]:
     """Return what to know of these poses that is the fault of neither side alone."""
     findings, warnings = diagnosis.findings, []
+    for side, reasons in findings.get('dropped', {}).items():
+        said = ', '.join(f'{count} {reason}' for reason, count in reasons.items() if count)
+        if said:
+            warnings.append(f'{SIDES[side]} has poses that were left out: {said}.')
     if findings.get('positions_contradict_offset'):
         offset = findings['time_offset']
         late = f'{1e3 * offset["value"]:.1f} ± {1e3 * offset["uncertainty"]:.1f} ms late'
@@ -180,6 +207,7 @@ def _moments(cause: Cause, diagnosis: Diagnosis, estimate: Trajectory) -> list[s
     if cause.name == 'jump':
         moments = [
             f'{at(jump["stamp_ns"])}: {jump["size_m"]:.2f} m'
+            + f', turned by {jump["turn_deg"]:.1f} deg' * bool(jump['turn_deg'])
             for jump in diagnosis.findings['jumps']
             if jump['harmful']
         ]

@@ -66,6 +66,8 @@ EVIDENCE = {
     'lost_tracking': '{percent:.0f} % of the ground truth has no estimate',
     'diverged': 'it has flown away and never comes back, for the last {percent:.0f} % of the run',
 }
+# alignments that take a tilt out
+LEVELLING = ('se3', 'sim3')
 STATEMENTS = {
     'quaternion_conjugated': '?invert=rotation',
     'pose_inverted': '?invert=pose',
@@ -91,17 +93,17 @@ def evidence(name: str, value: float, uncertainty: float) -> str:
 
 def flags(name: str, correction: Correction, config: EvaluationConfig) -> tuple[str, ...]:
     """
-    Return the flags that correct a cause, given everything found and the flags there are.
+    Return the flags that correct a cause, given all causes' correction and the flags there are.
 
     What starts with a question mark goes behind the spec of the estimate.
     """
     if name == 'time_offset':
         return '--time-offset-s', plain(config.time_offset_s - correction.offset_s)
-    if name in ('sensor_rotation', 'lever_arm'):
+    if name in ('sensor_rotation', 'lever_arm') and correction.convention.axes is None:
         return '--estimate-to-body', *map(plain, _to_body(correction, config))
     if name == 'scale':
         return '--alignment', 'sim3'
-    if name == 'gravity_tilt':
+    if name == 'gravity_tilt' and correction.scale == 1 and config.alignment not in LEVELLING:
         return '--alignment', 'se3'
     if name == 'quaternion_order':
         w_first = correction.convention.quaternion[0] == 1

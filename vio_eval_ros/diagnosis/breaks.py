@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from vio_eval_ros.core import rotation
 from vio_eval_ros.core.association import nanoseconds
 from vio_eval_ros.core.rotation import lengths
 from vio_eval_ros.core.trajectory import Pairs, Trajectory
@@ -14,26 +17,60 @@ from vio_eval_ros.diagnosis.fitting import horizon, robust_similarity
 
 REACH = 5
 # A VIO corrects itself by centimetres from frame to frame; what is named is clearly more.
-OUTLIER_M, OUTLIER_TIMES = 0.2, 10.0
+OUTLIER_M, OUTLIER_TIMES = 0.2, 15.0
 JUMP_M, JUMP_TIMES, JUMP_OVER_NEIGHBOURS = 0.12, 10.0, 3.0
-DIVERGED_EXTENTS = 1.0
+JUMP_RAD = math.radians(3.0)
+# no estimator takes back so much from one frame to the next
+CLEAR_M, CLEAR_RAD = 0.3, math.radians(10.0)
+# how nearly a later jump takes back another, and within which share of the run
+RETURNS, EXCURSION = 0.25, 0.1
+DIVERGED_EXTENTS, DIVERGED_M = 1.0, 1.0
+# the last shares of a run that are compared with the drift over as long elsewhere in it
+LAST, DIVERGED_TIMES = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4), 5.0
 GAP_INTERVALS = 5.0
-REGULAR = 1.5
+REGULAR, EVEN, NEARLY_ALL = 1.5, 1.1, 0.7
 GAP_PATH_TIMES, GAP_PATH_M = 3.0, 0.5
 LATE_START, EARLY_END = 0.25, 0.1
 
 
 @dataclass(frozen=True)
 class Jump:
-    """A pose from which on all are displaced, by (3,) metres in the estimate's world."""
+    """
+    A pose from which on all are turned about its position and displaced.
+
+    :param step: metres in the estimate's world.
+    :param turn: quaternion x y z w, likewise.
+    :param clear: whether it is so large against what is around that healthy runs have no such.
+    """
 
     stamp_ns: int
     step: tuple[float, float, float]
+    turn: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    clear: bool = False
 
     @property
     def size_m(self) -> float:
         """The length of the step."""
         return math.hypot(*self.step)
+
+    @property
+    def turn_rad(self) -> float:
+        """The angle of the turn."""
+        return 2 * math.atan2(math.hypot(*self.turn[:3]), abs(self.turn[3]))
+
+    def undo(
+        self, stamps_ns: np.ndarray, positions: np.ndarray, rotations: np.ndarray | None
+    ) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return positions and rotations of poses as if it had not been."""
+        first = int(np.searchsorted(stamps_ns, self.stamp_ns))
+        before, after = positions[:first], positions[first:]
+        if self.turn_rad:
+            back = rotation.conjugate(np.array(self.turn))
+            after = rotation.rotate(back, after - after[:1]) + after[:1]
+            if rotations is not None:
+                turned = rotation.multiply(back, rotations[first:])
+                rotations = np.concatenate([rotations[:first], turned])
+        return np.concatenate([before, after - np.array(self.step)]), rotations
 
 
 @dataclass(frozen=True)
@@ -66,11 +103,12 @@ class Breaks:
     diverged_ns: int | None
 
 
-def find_breaks(pairs: Pairs, received_ns: np.ndarray) -> Breaks:
+def find_breaks(pairs: Pairs, received_ns: np.ndarray, sensor: np.ndarray) -> Breaks:
     """
-    Return the outliers and jumps of paired positions, whatever their scale and worlds.
+    Return the outliers and jumps of paired poses, whatever their scale and worlds.
 
     :param received_ns: (N,) the stamps that the estimates came with, by which they are named.
+    :param sensor: (4,) rotation of the body in the tracked frame.
     """
     stamps_ns = pairs.estimate.stamps_ns
     nothing = Breaks(np.empty(0, np.int64), math.nan, (), None)
@@ -80,28 +118,69 @@ def find_breaks(pairs: Pairs, received_ns: np.ndarray) -> Breaks:
     begin, end = horizon(stamps_ns, max(1.0, 2 * interval_s))
     if len(begin) < 2 * REACH:
         return nothing
-    moved, truly = (
-        side.positions[end] - side.positions[begin]
-        for side in (pairs.estimate, pairs.ground_truth)
+    turns = _turns(pairs, received_ns, sensor)
+    positions = pairs.estimate.positions
+    for jump in turns.values():
+        positions, _ = jump.undo(received_ns, positions, None)
+    truth = pairs.ground_truth.positions
+    turn, scale, _ = robust_similarity(
+        positions[end] - positions[begin], truth[end] - truth[begin], True
     )
-    turn, scale, _ = robust_similarity(moved, truly, True)
-    errors = scale * pairs.estimate.positions @ turn.T - pairs.ground_truth.positions
+    errors = scale * positions @ turn.T - truth
     errors -= np.median(errors, axis=0)
 
     off = lengths(errors - _running_median(errors))
-    outliers = off > max(OUTLIER_M, OUTLIER_TIMES * float(np.quantile(off, 0.9)))
+    outliers = off > max(OUTLIER_M, OUTLIER_TIMES * float(np.median(off)))
     kept = np.flatnonzero(~outliers)
-    jumps = []
-    for k, step in _jumps(errors[kept], stamps_ns[kept]):
-        errors[kept[k + 1] :] -= step
-        x, y, z = (step @ turn) / scale
-        jumps.append(Jump(int(received_ns[kept[k + 1]]), (float(x), float(y), float(z))))
+    steps = _jumps(errors[kept], stamps_ns[kept])
+    for there, back in _excursions(steps, len(pairs)):
+        away = kept[there.row + 1 : back.row + 1]
+        outliers[away], off[away] = True, float(np.linalg.norm(there.step))
+        steps = [step for step in steps if step not in (there, back)]
+    jumps = dict(turns)
+    for step in steps:
+        first = int(kept[step.row + 1])
+        errors[first:] -= step.step
+        x, y, z = (step.step @ turn) / scale
+        also = jumps.get(first, Jump(int(received_ns[first]), (0.0, 0.0, 0.0)))
+        moved = float(x), float(y), float(z)
+        jumps[first] = replace(also, step=moved, clear=also.clear or step.clear)
     return Breaks(
         received_ns[outliers],
         float(np.median(off[outliers])) if outliers.any() else math.nan,
-        tuple(jumps),
-        _diverged(errors, pairs.ground_truth.positions, received_ns),
+        tuple(jumps[first] for first in sorted(jumps)),
+        _diverged(errors[~outliers], truth[~outliers], received_ns[~outliers]),
     )
+
+
+def _turns(pairs: Pairs, received_ns: np.ndarray, sensor: np.ndarray) -> dict[int, Jump]:
+    """Return the jumps of the orientations by their samples, as turns of the estimate's world."""
+    if pairs.turns is None:
+        return {}
+    assert pairs.estimate.rotations is not None
+    assert pairs.ground_truth.rotations is not None
+    body = rotation.multiply(pairs.estimate.rotations, sensor)
+    worlds = rotation.multiply(pairs.ground_truth.rotations, rotation.conjugate(body))
+    steps = rotation.to_rotation_vector(
+        rotation.multiply(worlds[1:], rotation.conjugate(worlds[:-1]))
+    )
+    intervals = np.diff(pairs.estimate.stamps_ns)
+    size = lengths(steps) / np.sqrt(np.maximum(intervals / np.median(intervals), 1))
+    found = {}
+    for k in np.flatnonzero(size > max(JUMP_RAD, JUMP_TIMES * np.quantile(size, 0.9))).tolist():
+        back = rotation.conjugate(worlds[k])
+        before, after = (
+            np.median(rotation.to_rotation_vector(rotation.multiply(side, back)), axis=0)
+            for side in (worlds[max(k - REACH + 1, 0) : k + 1], worlds[k + 1 : k + 1 + REACH])
+        )
+        lasting = after - before
+        if lasting @ steps[k] > 0.5 * size[k] ** 2:
+            turn = rotation.from_rotation_vector(-rotation.rotate(back, lasting))
+            worlds[k + 1 :] = rotation.multiply(worlds[k + 1 :], turn)
+            x, y, z, w = turn.tolist()
+            clear = bool(size[k] > CLEAR_RAD)
+            found[k + 1] = Jump(int(received_ns[k + 1]), (0.0, 0.0, 0.0), (x, y, z, w), clear)
+    return found
 
 
 def _running_median(errors: np.ndarray) -> np.ndarray:
@@ -112,8 +191,16 @@ def _running_median(errors: np.ndarray) -> np.ndarray:
     return np.asarray(np.median(windows, axis=-1))
 
 
-def _jumps(errors: np.ndarray, stamps_ns: np.ndarray) -> list[tuple[int, np.ndarray]]:
-    """Return the samples behind which the error steps aside for good, and the (3,) steps."""
+class _Step(NamedTuple):
+    """Behind a sample the error steps aside for good."""
+
+    row: int
+    step: np.ndarray
+    clear: bool
+
+
+def _jumps(errors: np.ndarray, stamps_ns: np.ndarray) -> list[_Step]:
+    """Return where the error steps aside for good, and by how much."""
     steps = np.diff(errors, axis=0)
     intervals = np.diff(stamps_ns)
     size = lengths(steps)
@@ -121,16 +208,33 @@ def _jumps(errors: np.ndarray, stamps_ns: np.ndarray) -> list[tuple[int, np.ndar
     size = size / np.sqrt(np.maximum(intervals / np.median(intervals), 1))
     limit = max(JUMP_M, JUMP_TIMES * float(np.quantile(size, 0.9)))
     found = []
-    for k in np.flatnonzero(size > limit).tolist():
+    for k in np.flatnonzero(size > min(limit, CLEAR_M)).tolist():
         before = slice(max(k - REACH + 1, 0), k + 1)
         after = slice(k + 1, min(k + 1 + REACH, len(errors)))
         around = np.concatenate([size[max(k - REACH, 0) : k], size[k + 1 : k + 1 + REACH]])
         lasting = np.median(errors[after], axis=0) - np.median(errors[before], axis=0)
+        usual = float(np.median(around))
+        clear = bool(size[k] > max(CLEAR_M, JUMP_TIMES * usual))
         if (
-            size[k] > JUMP_OVER_NEIGHBOURS * np.median(around)
+            (clear or size[k] > max(limit, JUMP_OVER_NEIGHBOURS * usual))
             and lasting @ steps[k] > 0.5 * size[k] ** 2
+        ):  # fmt: skip
+            step = steps[k] - np.median(steps[_around(k, len(steps))], axis=0)
+            found.append(_Step(k, step, clear))
+    return found
+
+
+def _excursions(steps: list[_Step], count: int) -> list[tuple[_Step, _Step]]:
+    """Return the neighbouring pairs of steps of which the second takes back the first."""
+    found: list[tuple[_Step, _Step]] = []
+    for there, back in pairwise(steps):
+        left = float(np.linalg.norm(there.step + back.step))
+        if (
+            left < RETURNS * float(np.linalg.norm(there.step))
+            and back.row - there.row <= EXCURSION * count
+            and not (found and found[-1][1] is there)
         ):
-            found.append((k, steps[k] - np.median(steps[_around(k, len(steps))], axis=0)))
+            found.append((there, back))
     return found
 
 
@@ -140,15 +244,53 @@ def _around(k: int, count: int) -> np.ndarray:
 
 
 def _diverged(errors: np.ndarray, truth: np.ndarray, stamps_ns: np.ndarray) -> int | None:
-    """Return from when on the error is larger than the truth's extent and never comes back."""
+    """Return from when on the estimate has flown away, if it has: it never comes back."""
+    firsts = [first for first in (_gone(errors, truth), _flying(errors)) if first is not None]
+    return int(stamps_ns[min(firsts)]) if firsts else None
+
+
+def _gone(errors: np.ndarray, truth: np.ndarray) -> int | None:
+    """Return from which sample on the error is larger than the truth's extent."""
     extent = float(lengths(truth - truth.mean(axis=0)).max())
     far = lengths(errors - np.median(errors[: max(len(errors) // 3, 1)], axis=0)) > max(
-        DIVERGED_EXTENTS * extent, 1.0
+        DIVERGED_EXTENTS * extent, DIVERGED_M
     )
     if not far[-1] or far.all():
         return None
     first = int(np.flatnonzero(~far)[-1]) + 1
-    return int(stamps_ns[first]) if len(far) - first >= REACH else None
+    return first if len(far) - first >= REACH else None
+
+
+def _flying(errors: np.ndarray) -> int | None:
+    """Return from which sample on the error changes as it never did over as long before."""
+    best, found = DIVERGED_TIMES, None
+    for share in LAST:
+        count = int(share * len(errors))
+        if count < 2 * REACH:
+            continue
+        changes = lengths(errors[count:] - errors[:-count])
+        usual = float(changes[: len(errors) - 2 * count].max())
+        if changes[-1] > max(best * usual, DIVERGED_M):
+            best = float(changes[-1]) / usual
+            near = lengths(errors[-count:] - errors[-count - 1]) <= usual
+            found = len(errors) - count + int(np.flatnonzero(near)[-1] + 1 if near.any() else 0)
+    return found
+
+
+def missing_s(estimate: Trajectory, gaps: list[Gap]) -> float:
+    """
+    Return for how long poses are missing between those gaps, one or some at a time.
+
+    Only a stream of which nearly all intervals are the shortest has a rate that it falls short of;
+    keyframes have none.
+    """
+    intervals = np.diff(estimate.stamps_ns)
+    shortest, usual, longer = np.quantile(intervals, [0.05, 0.5, NEARLY_ALL])
+    if longer > EVEN * shortest:
+        return 0.0
+    short = ~np.isin(estimate.stamps_ns[:-1], [gap.begin_ns for gap in gaps])
+    missed = intervals[short & (intervals > REGULAR * usual)]
+    return float(np.sum(missed - usual)) / 1e9
 
 
 def find_gaps(estimate: Trajectory, truth: Trajectory, max_gap_s: float) -> list[Gap]:

@@ -18,6 +18,7 @@ from vio_eval_ros.diagnosis.fitting import (
     relative_turns,
     robust_weights,
     similarity,
+    turn_is_told,
 )
 from vio_eval_ros.diagnosis.interpolation import Interpolator
 
@@ -25,8 +26,13 @@ GRID_S = 0.01
 WINDOW_S = 0.1
 # a stamp of zero among those of today must not take all memory
 MOST_SAMPLES = 1 << 21
-PROBE_S = 0.004
+# Over a few samples of the truth a difference is all noise, which would pass for motion.
+PROBE_S = 0.05
 ITERATIONS = 15
+# where only positions tell the lag, scale and heading may follow polynomials: their degree rises
+# by one in so many seconds
+WALK_S, MOST_WALK = 15.0, 8
+UP = np.array([0.0, 0.0, 1.0])
 HORIZON_S = 0.25
 LARGEST_TURN = 2.6
 MIN_MOTIONS = 10
@@ -85,7 +91,8 @@ class Lag:
         frame; of displacements, the world's.
     :param offset_uncertainty_s: half the width of the 95 % interval of ``offset_s``.
     :param drift_uncertainty: likewise.
-    :param turn_uncertainty: likewise of the worst axis, radians.
+    :param turn_uncertainty: likewise of the worst axis, radians; infinite where all vectors are
+        along one axis, about which any turn fits.
     :param misfit: the median length of what is left, over that of the vectors.
     """
 
@@ -110,9 +117,10 @@ def fit_lag(estimate: Trajectory, truth: Interpolator, start_s: float, turning: 
     """
     Return the lag that makes short relative motions agree best.
 
-    Gauss-Newton over offset, drift and turn (and, of displacements, the scale) at once, with the
-    truth interpolated at the shifted stamps. Relative rotations over a quarter of a second have
-    neither drift nor a world; where a side has no rotations, displacements stand in.
+    Gauss-Newton over offset, drift and turn (and, of displacements, scale and heading, which
+    walk) at once, with the truth interpolated at the shifted stamps. Relative rotations over a
+    quarter of a second have neither drift nor a world; where a side has no rotations,
+    displacements stand in.
 
     :param start_s: within a few tenths of a second of the offset.
     :param turning: whether by rotations.
@@ -133,8 +141,12 @@ def fit_lag(estimate: Trajectory, truth: Interpolator, start_s: float, turning: 
     lag = Lag(start_s, 0.0, np.eye(3), math.inf, math.inf, math.inf, math.inf)
     weights = np.ones(len(moved))
     reach = float(np.abs(elapsed).max(initial=1.0))
-    # offset [s], drift [s a run], turn [rad], relative scale
-    prior = np.array([1.0, 0.1, 1.0, 1.0, 1.0, 1.0][: 5 if turning else 6])
+    # offset [s], drift [s a run], turn [rad]
+    prior = np.array([1.0, 0.1, 1.0, 1.0, 1.0])
+    if not turning:  # and what walks along the run: scale and heading, each a polynomial
+        degree = int(np.clip(2 * reach / WALK_S, 1, MOST_WALK))
+        along = np.polynomial.legendre.legvander(elapsed / reach, degree)[:, None]
+        prior = np.append(prior, np.ones(2 * degree + 1))
     for _ in range(ITERATIONS):
         shifted = true_stamps(stamps_ns, middle_ns, lag.offset_s, lag.drift)
         probe_ns = nanoseconds(PROBE_S)
@@ -154,18 +166,22 @@ def fit_lag(estimate: Trajectory, truth: Interpolator, start_s: float, turning: 
         slope = (earlier - later) / (2 * PROBE_S)
         columns = [slope, slope * (elapsed / reach)[:, None]]
         columns += [np.cross(expected, axis) for axis in np.eye(3)]
-        columns += [] if turning else [-expected]
+        if not turning:
+            columns += list(np.moveaxis(-expected[..., None] * along, -1, 0))
+            heading = np.cross(expected, UP)
+            columns += list(np.moveaxis(heading[..., None] * along[..., 1:], -1, 0))
         fit = least_squares(
             np.stack(columns, -1)[known], expected[known] - now[known], prior, weights[known]
         )
         step = float(np.clip(fit.values[0], -0.1, 0.1))
+        told = turn_is_told(expected[known], now[known], weights[known])
         lag = Lag(
             lag.offset_s + step,
             lag.drift + float(fit.values[1]) / reach,
             turn,
             math.hypot(fit.uncertainty(0), FLOOR_S, FLOOR_INTERVALS * truth.interval_s),
             fit.uncertainty(1) / reach,
-            max(fit.uncertainty(k) for k in (2, 3, 4)),
+            max(fit.uncertainty(k) for k in (2, 3, 4)) if told else math.inf,
             float(np.median(lengths(now[known] - expected[known])))
             / (float(np.median(lengths(now[known]))) + 1e-12),
         )

@@ -14,6 +14,8 @@ from vio_eval_ros.diagnosis.fitting import (
     mean_rotation,
     relative_turns,
     robust_similarity,
+    robust_weights,
+    turn_is_told,
 )
 from vio_eval_ros.diagnosis.interpolation import Interpolator
 
@@ -23,6 +25,8 @@ CLEARLY = 0.5
 FITS = 0.15
 # the nearest whole axes, where two worlds disagree
 ALIGNED_RAD = math.radians(20.0)
+# what two worlds are known to, with room
+SURELY_RAD = math.radians(3.0)
 W_LAST = [1, 2, 3, 0]
 W_FIRST = [3, 0, 1, 2]
 SWAPS = {'x and y': [1, 0, 2], 'y and z': [0, 2, 1], 'x and z': [2, 1, 0]}
@@ -92,12 +96,14 @@ class Finding:
     :param misfit: of the relative motions, or of the two worlds, under it; small is good.
     :param misfit_as_is: likewise as the poses were read.
     :param of_truth: whether the truth was written in that way, not the estimate.
+    :param told: whether the motion tells conventions apart.
     """
 
     convention: Convention
     misfit: float
     misfit_as_is: float
     of_truth: bool = False
+    told: bool = True
 
 
 def find_convention(estimate: Trajectory, truth: Interpolator, lag_s: float) -> Finding:
@@ -107,7 +113,8 @@ def find_convention(estimate: Trajectory, truth: Interpolator, lag_s: float) -> 
     Rotation vectors of short relative motions fit those of the truth up to one rotation, that of
     the sensor, only under a convention that differs from the right one by constant rotations.
     Of those that fit, the right one needs the smallest turn of the sensor, and its orientations
-    agree with its positions about the world. All this knows neither scale nor drift.
+    agree with its positions about the world. All this knows neither scale nor drift. Who turns
+    about one axis only, as on a flat floor, does not show any of it.
 
     :param lag_s: how late the estimate's stamps are; the angular speed, which tells it, is the
         same under all conventions.
@@ -124,10 +131,12 @@ def find_convention(estimate: Trajectory, truth: Interpolator, lag_s: float) -> 
         or len(begin) < 10
         or len(far[0]) < 10
     ):
-        return Finding(Convention(), math.nan, math.nan)
+        return Finding(Convention(), math.nan, math.nan, told=False)
     motions = _Motions(poses, begin, end, *far)
     fitted = [motions.fit(candidate.undo(estimate)) for candidate in candidates()]
     as_is = fitted[0]
+    if as_is.misfit < CLEARLY and not as_is.turn_told:
+        return Finding(Convention(), as_is.misfit, as_is.misfit, told=False)
     best = min(fit.misfit for fit in fitted)
     if not best < CLEARLY:
         return Finding(Convention(), as_is.misfit, as_is.misfit)
@@ -144,14 +153,12 @@ def find_convention(estimate: Trajectory, truth: Interpolator, lag_s: float) -> 
         return Finding(candidates()[chosen], fit.misfit, as_is.misfit, of_truth)
     mirrored = motions.fit(estimate, parity=-1)
     if mirrored.strayed < CLEARLY * min(as_is.strayed, 1.0):
-        axes = _nearest_axes(mirrored.world_of_rotations.T @ mirrored.world_of_positions)
-        return Finding(_swapped(axes), mirrored.strayed, as_is.strayed)
+        axes, _, of_truth = mirrored.axes()
+        return Finding(_swapped(axes), mirrored.strayed, as_is.strayed, of_truth)
     if as_is.strayed < CLEARLY and as_is.apart_rad > ALIGNED_RAD:
-        axes = _nearest_axes(as_is.world_of_rotations.T @ as_is.world_of_positions)
-        if not np.array_equal(axes, np.eye(3)):
-            turned = motions.fit(_swapped(axes).undo(estimate))
-            if turned.apart_rad < ALIGNED_RAD:
-                return Finding(_swapped(axes), turned.apart_rad, as_is.apart_rad)
+        axes, left_rad, of_truth = as_is.axes()
+        if not np.array_equal(axes, np.eye(3)) and left_rad < ALIGNED_RAD:
+            return Finding(_swapped(axes), left_rad, as_is.apart_rad, of_truth)
     return Finding(Convention(), as_is.misfit, as_is.misfit)
 
 
@@ -163,6 +170,7 @@ class _Fit:
     :param misfit: what is left of relative rotations, over what there was.
     :param strayed: likewise of displacements.
     :param turn_rad: of the sensor.
+    :param turn_told: whether the motion tells it.
     :param world_of_rotations: (3, 3) from the estimate's world to that of the truth.
     :param world_of_positions: likewise.
     """
@@ -170,14 +178,31 @@ class _Fit:
     misfit: float
     strayed: float
     turn_rad: float
+    turn_told: bool
     world_of_rotations: np.ndarray
     world_of_positions: np.ndarray
 
     @property
     def apart_rad(self) -> float:
         """The angle between the two worlds."""
-        cosine = (np.trace(self.world_of_rotations.T @ self.world_of_positions) - 1) / 2
-        return math.acos(min(max(float(cosine), -1.0), 1.0))
+        return _angle(self.world_of_rotations.T @ self.world_of_positions)
+
+    def axes(self) -> tuple[np.ndarray, float, bool]:
+        """
+        Return the (3, 3) axes that bring the two worlds together, and the angle that they leave.
+
+        The last is whether they are those of the truth. Seen from there the worlds are turned, so
+        that only on one side the axes are whole; where they are on both, it is the estimate.
+        """
+        sides = []
+        for apart in (
+            self.world_of_rotations.T @ self.world_of_positions,
+            self.world_of_rotations @ self.world_of_positions.T,
+        ):
+            whole = _nearest_axes(apart)
+            sides.append((whole, _angle(apart @ whole.T)))
+        of_truth = sides[1][1] < sides[0][1] - SURELY_RAD
+        return *sides[of_truth], of_truth
 
     @property
     def strangeness(self) -> float:
@@ -206,9 +231,10 @@ class _Motions:
     def fit(self, poses: Trajectory, parity: int = 1) -> _Fit:
         """Return how poses agree; parity -1 for positions seen in a mirror."""
         assert poses.rotations is not None
-        turn, _, misfit = robust_similarity(
-            relative_turns(poses.rotations, self._begin, self._end), self._turned, False
-        )
+        turned = relative_turns(poses.rotations, self._begin, self._end)
+        turn, _, misfit = robust_similarity(turned, self._turned, False)
+        turned = turned @ turn.T
+        told = turn_is_told(turned, self._turned, robust_weights(turned - self._turned))
         displaced = poses.positions[self._far_end] - poses.positions[self._far_begin]
         of_positions, _, strayed = robust_similarity(displaced, self._moved, True, parity)
         body = rotation.from_matrix(turn.T)
@@ -217,7 +243,12 @@ class _Motions:
         )
         angle = rotation.angle_between(body, np.array([0.0, 0.0, 0.0, 1.0]))
         of_rotations = rotation.to_matrix(mean_rotation(worlds))
-        return _Fit(misfit, strayed, float(angle), of_rotations, of_positions)
+        return _Fit(misfit, strayed, float(angle), told, of_rotations, of_positions)
+
+
+def _angle(matrix: np.ndarray) -> float:
+    """Return the angle of a (3, 3) rotation."""
+    return math.acos(min(max((float(np.trace(matrix)) - 1) / 2, -1.0), 1.0))
 
 
 def _least_strange(fits: list[_Fit], limit: float) -> tuple[float, int, _Fit]:

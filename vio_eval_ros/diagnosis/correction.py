@@ -26,7 +26,7 @@ class Correction:
     :param clock_drift: how much later they become, seconds a second.
     :param outliers_ns: stamps, as received, of poses to leave out.
     :param diverged_ns: the stamp, as received, from which on all are left out.
-    :param jumps: with stamps as received.
+    :param jumps: with stamps as received, in their order.
     :param turn: (4,) R_s, the rotation of the body in the tracked frame.
     :param lever: (3,) metres of the estimate, the position of the body in the tracked frame.
     :param level: (4,) the rotation that makes the estimate's world upright.
@@ -61,8 +61,9 @@ class Correction:
     def apply(self, received: Trajectory) -> Trajectory:
         """Return the estimate as it would be without these faults."""
         poses = self.convention.undo(received)
-        positions = self._without_jumps(poses)
-        rotations = poses.rotations
+        positions, rotations = poses.positions, poses.rotations
+        for jump in self.jumps:
+            positions, rotations = jump.undo(poses.stamps_ns, positions, rotations)
         if rotations is not None:
             positions = positions + rotation.rotate(rotations, self.lever)
             rotations = rotation.multiply(rotations, self.turn)
@@ -80,13 +81,6 @@ class Correction:
         if self.diverged_ns is not None:
             kept &= received.stamps_ns < self.diverged_ns
         return Trajectory(stamps_ns, positions, rotations)[kept]
-
-    def _without_jumps(self, poses: Trajectory) -> np.ndarray:
-        if not self.jumps:
-            return poses.positions
-        steps = np.cumsum([(0.0, 0.0, 0.0), *(jump.step for jump in self.jumps)], axis=0)
-        passed = np.searchsorted([j.stamp_ns for j in self.jumps], poses.stamps_ns, side='right')
-        return np.asarray(poses.positions - steps[passed])
 
 
 #: the cause of each name, by the fields that undo it

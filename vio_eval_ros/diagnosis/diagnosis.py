@@ -13,20 +13,27 @@ from dataclasses import asdict, dataclass, replace
 import math
 from typing import Any
 
+import numpy as np
+
 from vio_eval_ros.core.alignment import SCALED_MODES
 from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.rotation import lengths
+from vio_eval_ros.core.statistics import root_mean_square
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.advice import advice, evidence, flags
 from vio_eval_ros.diagnosis.conventions import Finding
 from vio_eval_ros.diagnosis.correction import Correction
 from vio_eval_ros.diagnosis.inputs import (
-    inputs_look_swapped,
+    frozen,
+    likely_swapped,
     MOVES_M,
     stands_still,
+    stays,
+    SURELY_MOVES_M,
     truth_is_static,
 )
-from vio_eval_ros.diagnosis.measurements import measure, Measured, Measurement
-from vio_eval_ros.diagnosis.run import IMPROVEMENT, improvement, Run
+from vio_eval_ros.diagnosis.measurements import FRAMES, measure, Measured, Measurement, SURE
+from vio_eval_ros.diagnosis.run import FEWEST_POSES, IMPROVEMENT, improvement, Run
 
 SCHEMA = 'vio_eval_ros.diagnosis/1'
 NAMES = (
@@ -42,11 +49,16 @@ ACTS_ON = {
     'scale': 'ATE',
     'scale_drift': POSITIONS,
     'lever_arm': POSITIONS,
-    'jump': 'ATE',
+    'jump': f'ATE|{FRAMES}',
     'outliers': POSITIONS,
     'diverged': POSITIONS,
     'gravity_tilt': 'posyaw ATE',
 }
+#: what is seen as it is, whether or not other errors hide it in the ATE; of an offset, positions
+#: that contradict it have been asked
+CERTAIN = ('time_offset', 'jump', *NAMES[3:7])
+#: of the spread of the truth, that an ATE must not reach without a cause
+UNLIKE = 0.5
 #: of the whole run: while one of these is wrong, nothing else can be trusted
 FUNDAMENTAL = NAMES[:7]
 
@@ -140,6 +152,13 @@ def diagnose_run(run: Run) -> Diagnosis:
         return _without_motion(run, 'insufficient_motion' if rests else 'truth_static')
     if truth_is_static(run):
         return _without_motion(run, 'truth_static')
+    if stays(run.estimate) and not stays(run.truth, SURELY_MOVES_M):
+        return _without_motion(run, 'insufficient_motion')
+    if frozen(run.estimate, run.truth).any():  # what it repeats is no estimate
+        return diagnose_run(run.keeping(~frozen(run.estimate, run.truth), 'estimate'))
+    still = frozen(run.truth, run.estimate)
+    if still.any():
+        return _where_truth_moves(run, ~still)
     measured = measure(run)
     if measured.convention.of_truth:
         return _with_truth_mended(run, measured.convention)
@@ -154,9 +173,12 @@ def diagnose_run(run: Run) -> Diagnosis:
         for one in measured.parameters
     } | measured.findings
     causes = _causes(run, measured, named)
-    if inputs_look_swapped(run):
-        causes.append(_swapped(run))
+    swapped = likely_swapped(run)
+    if swapped:
+        causes.insert(0, _swapped(run, swapped))
     correction = measured.correction.only([one.name for one in named])
+    if not causes and _is_unlike(run, measured.correction.scale):
+        causes = [_unlike(run)]
     return Diagnosis(
         tuple(causes),
         tuple(one.name for one in measured.parameters if not (one.told or one.unusual)),
@@ -164,6 +186,55 @@ def diagnose_run(run: Run) -> Diagnosis:
         correction.apply(run.estimate),
         run.errors(Correction(run.middle_ns)),
         run.errors(correction),
+    )
+
+
+def _where_truth_moves(run: Run, moving: np.ndarray) -> Diagnosis:
+    """Return the diagnosis without what the truth repeats, with the repetition as a cause."""
+    rest = run.keeping(moving, 'truth')
+    diagnosis = diagnose_run(rest)
+    nothing = Correction(run.middle_ns)
+    share = 1 - float(np.mean(moving))
+    cause = Cause(
+        'truth_static',
+        1.0,
+        share,
+        'ratio',
+        math.nan,
+        run.ate_m(nothing),
+        rest.ate_m(nothing),
+        f'it moves on, while the ground truth repeats one position, for {100 * share:.0f} % of it',
+        advice('truth_static'),
+        (),
+    )
+    return replace(diagnosis, causes=(cause, *diagnosis.causes), errors_before=run.errors(nothing))
+
+
+def _is_unlike(run: Run, scale: float) -> bool:
+    """Return whether an estimate of one point would be nearly as good."""
+    pairs = run.pairs(Correction(run.middle_ns))
+    if len(pairs) < FEWEST_POSES:
+        return False
+    path = pairs.ground_truth.positions
+    spread_m = root_mean_square(lengths(path - path.mean(axis=0)))
+    scaled = Correction(run.middle_ns, scale=scale)
+    return run.errors(scaled)['ATE [m]'] > UNLIKE * spread_m
+
+
+def _unlike(run: Run) -> Cause:
+    ate_m = run.ate_m(Correction(run.middle_ns))
+    return Cause(
+        'diverged',
+        SURE,
+        1.0,
+        'ratio',
+        math.nan,
+        ate_m,
+        ate_m,
+        'nothing that could be undone makes its path like that of the ground truth, and its error '
+        'is nearly as large as that path is wide',
+        advice('diverged'),
+        (),
     )
 
 
@@ -229,9 +300,8 @@ def _named(run: Run, measured: Measured) -> list[Named]:
         correction = measured.correction.only([one.name for one in suspects])
         after = run.errors(correction)
         named = [
-            Named(one, *improvement(run.errors(correction.without(one.name)), after, acts_on))
+            Named(one, *_undone(one.name, run.errors(correction.without(one.name)), after))
             for one in suspects
-            for acts_on in [ACTS_ON.get(one.name, '')]
         ]
         least = min(named, key=lambda one: one.share)
         if least.share >= IMPROVEMENT:
@@ -242,8 +312,19 @@ def _named(run: Run, measured: Measured) -> list[Named]:
     return sorted(named, key=lambda one: (one.name not in FUNDAMENTAL, -one.share))
 
 
+def _undone(
+    name: str, before: dict[str, float], after: dict[str, float]
+) -> tuple[str, float, float]:
+    """Return the error that undoing a cause improves most; no cure makes the ATE larger."""
+    ate = 'ATE [m]'
+    if name not in CERTAIN and after.get(ate, 0.0) > (1 + IMPROVEMENT) * before.get(ate, math.inf):
+        return ate, before[ate], after[ate]
+    return improvement(before, after, ACTS_ON.get(name, ''))
+
+
 def _causes(run: Run, measured: Measured, named: list[Named]) -> list[Cause]:
     causes = []
+    correction = measured.correction.only([one.name for one in named])
     before_m = run.ate_m(Correction(run.middle_ns))
     for k, one in enumerate(named):
         parameter = one.measurement
@@ -261,7 +342,7 @@ def _causes(run: Run, measured: Measured, named: list[Named]) -> list[Cause]:
                 advice(parameter.name, measured.convention.convention.detail)
                 if parameter.name in FUNDAMENTAL
                 else advice(parameter.name),
-                flags(parameter.name, measured.correction, run.config),
+                flags(parameter.name, correction, run.config),
             )
         )
         before_m = after_m
@@ -271,27 +352,33 @@ def _causes(run: Run, measured: Measured, named: list[Named]) -> list[Cause]:
 def _evidence(one: Named, measured: Measured) -> str:
     """Return the sentence of numbers that speaks for a cause."""
     found = evidence(one.name, one.measurement.value, one.measurement.uncertainty)
+    if one.name == 'jump':
+        jumps = [jump for jump in measured.findings['jumps'] if jump['harmful']]
+        turn_deg = max(jump['turn_deg'] for jump in jumps)
+        found += f', turned by up to {turn_deg:.1f} deg' if turn_deg else ''
     if one.error:
         error, _, unit = one.error.rstrip(']').partition(' [')
         change = f'from {one.before:.3g} to {one.after:.3g} {unit}'
         return f'{found}; undoing it takes the {error} {change}'
     gaps = measured.findings['gaps']
-    longest = max(gap['seconds'] for gap in gaps)
+    longest = max((gap['seconds'] for gap in gaps), default=0.0)
+    if not longest:
+        return f'{found}, some poses at a time'
     return f'{found}, the longest interval is {longest:.1f} s'
 
 
-def _swapped(run: Run) -> Cause:
+def _swapped(run: Run, confidence: float) -> Cause:
     ate_m = run.ate_m(Correction(run.middle_ns))
     return Cause(
         'swapped_inputs',
-        0.7,
+        confidence,
         math.nan,
         '',
         math.nan,
         ate_m,
         ate_m,
-        'it begins away from its origin and has a higher rate than the ground truth, which begins '
-        'at the origin, as an estimate does',
+        'it begins away from its origin, while the ground truth begins there and has the lower '
+        'rate or the heading of its x axis, as an estimate does',
         advice('swapped_inputs'),
         (),
     )
@@ -299,9 +386,10 @@ def _swapped(run: Run) -> Cause:
 
 def _without_motion(run: Run, name: str) -> Diagnosis:
     ate_m = run.ate_m(Correction(run.middle_ns))
+    also = 'nor does the ground truth' if stays(run.truth) else 'though the ground truth does'
     evidence = {
         'truth_static': 'it moves, while the ground truth stays where it is',
-        'insufficient_motion': 'it does not move, nor does the ground truth',
+        'insufficient_motion': f'it does not move, {also}',
     }[name]
     cause = Cause(name, 1.0, math.nan, '', math.nan, ate_m, math.nan, evidence, advice(name), ())
     others = tuple(other for other in NAMES if other not in FUNDAMENTAL[:2])

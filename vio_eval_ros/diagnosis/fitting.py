@@ -51,11 +51,30 @@ def similarity(
     return (u * signs) @ vt, scale
 
 
+def turn_is_told(turned: np.ndarray, target: np.ndarray, weights: np.ndarray) -> bool:
+    """
+    Return whether vectors tell all of the rotation that was fitted to them.
+
+    How firmly they hold it about each axis is the Hessian of Wahba's problem, tr(C) I - C with
+    their cross-covariance C, in which the noise of one side does not pass for vectors of the
+    other. Vectors along a single axis hold the turn about it no better than their noise does.
+
+    :param turned: (M, 3) with the rotation applied, to be equal to the (M, 3) ``target``.
+    """
+    cross = (target * weights[:, None]).T @ turned
+    held = np.linalg.eigvalsh((cross + cross.T) / 2)
+    noise = float(np.sum(weights[:, None] * (turned - target) ** 2)) / 3
+    return bool(held[0] + held[1] > noise)
+
+
 def robust_similarity(
     source: np.ndarray, target: np.ndarray, scaled: bool, parity: int = 1
 ) -> tuple[np.ndarray, float, float]:
     """Return R, s and the median of what is left, over the median length of the target."""
     weights = np.ones(len(source))
+    if scaled:  # long vectors would have their way at first, and lengths are told without a turn
+        ratios = np.log((lengths(source) + TINY) / (lengths(target) + TINY))
+        weights = robust_weights((ratios - np.median(ratios))[:, None])
     turn, scale = np.eye(3), 1.0
     for _ in range(ITERATIONS):
         turn, scale = similarity(source, target, weights, scaled, parity)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import reduce
 import math
 
 import numpy as np
@@ -21,6 +22,8 @@ from vio_eval_ros.diagnosis.fitting import (
 
 HORIZON_S = 0.5
 UP = np.array([0.0, 0.0, 1.0])
+# and Student's distribution with one less
+QUARTERS, T_95_QUARTERS = 4, 3.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,23 +100,40 @@ def fit_scale(pairs: Pairs) -> Estimated:
     """
     Return estimated over true length under the similarity that aligns all positions best.
 
-    How uncertain it is, the run without each of its parts in turn tells (the jackknife).
+    How uncertain it is, the run without each of its parts in turn tells (the jackknife), and how
+    much its quarters differ.
     """
     if len(pairs) < 2 * BLOCKS:
         return Estimated.unknown(1.0)
-    parts = [Moments.of(pairs[rows]) for rows in np.array_split(np.arange(len(pairs)), BLOCKS)]
-    scales = []
-    for left_out in [None, *range(BLOCKS)]:
-        moments = Moments.empty()
-        for k, part in enumerate(parts):
-            if k != left_out:
-                moments = moments.merge(part)
-        aligned = solve('sim3', moments, pairs[:1])
-        scales.append(math.log(aligned.scale) if aligned.scale > 0 else math.nan)
-    if not np.isfinite(scales).all():
+    aligned = [solve('sim3', moments, pairs[:1]) for moments in _jackknife(pairs)]
+    if not all(one.scale > 0 for one in aligned):
         return Estimated.unknown(1.0)
-    spread = math.sqrt((BLOCKS - 1) * float(np.var(scales[1:])))
-    return Estimated(math.exp(-scales[0]), math.exp(-scales[0]) * T_95 * spread)
+    scales = [math.log(one.scale) for one in aligned]
+    spread = T_95 * math.sqrt((BLOCKS - 1) * float(np.var(scales[1:])))
+    scale = math.exp(-scales[0])
+    return Estimated(scale, scale * max(spread, _scales_apart(pairs)))
+
+
+def _scales_apart(pairs: Pairs) -> float:
+    """
+    Return half the 95 % interval of a mean scale, relative, from how much quarters differ.
+
+    What walks at random errs alike over more than a part of the jackknife.
+    """
+    quarters = [pairs[rows] for rows in np.array_split(np.arange(len(pairs)), QUARTERS)]
+    scales = [solve('sim3', Moments.of(part), part[:1]).scale for part in quarters]
+    if not all(scale > 0 for scale in scales):
+        return math.inf
+    return T_95_QUARTERS * float(np.std(np.log(scales), ddof=1)) / math.sqrt(QUARTERS)
+
+
+def _jackknife(pairs: Pairs) -> list[Moments]:
+    """Return the moments of all pairs, and of all but each of the parts of the run."""
+    parts = [Moments.of(pairs[rows]) for rows in np.array_split(np.arange(len(pairs)), BLOCKS)]
+    return [
+        reduce(Moments.merge, (part for k, part in enumerate(parts) if k != left_out))
+        for left_out in (None, *range(BLOCKS))
+    ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,15 +193,14 @@ def _unsteadiness(seconds: np.ndarray, angles: np.ndarray) -> float:
 
 
 def _world_of_positions(pairs: Pairs) -> World:
-    moments = Moments.of(pairs)
-    aligned = solve('sim3', moments, pairs[:1])
-    if not aligned.observable:
+    parts = _jackknife(pairs) if len(pairs) >= 2 * BLOCKS else []
+    aligned = [solve('sim3', moments, pairs[:1]) for moments in parts]
+    if not aligned or not all(one.observable for one in aligned):
         return World(np.array([0.0, 0.0, 0.0, 1.0]), Estimated.unknown(), Estimated.unknown())
-    level, tilt = _levelling(aligned.rotation)
-    # what is left of the positions, over the lever at which it turns them least
-    flat = np.sqrt(np.linalg.eigvalsh(moments.truth_scatter / moments.count).clip(min=1e-12))
-    left = math.sqrt(aligned.mean_square(moments))
-    return World(level, Estimated(tilt, float(left / flat[1])), Estimated.unknown())
+    level, tilt = _levelling(aligned[0].rotation)
+    ups = np.array([rotation.rotate(rotation.conjugate(one.rotation), UP) for one in aligned[1:]])
+    spread = math.sqrt((BLOCKS - 1) * float(np.var(ups, axis=0).sum()))
+    return World(level, Estimated(tilt, T_95 * spread), Estimated.unknown())
 
 
 def _levelling(world: np.ndarray) -> tuple[np.ndarray, float]:

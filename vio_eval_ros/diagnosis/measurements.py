@@ -7,24 +7,24 @@ import math
 from typing import Any
 
 from vio_eval_ros.core import rotation
-from vio_eval_ros.diagnosis.breaks import find_breaks, find_gaps, Jump
+from vio_eval_ros.diagnosis.breaks import find_breaks, find_gaps, Jump, missing_s
 from vio_eval_ros.diagnosis.clocks import fit_lag, Lag, speed_peak
-from vio_eval_ros.diagnosis.conventions import find_convention, Finding
+from vio_eval_ros.diagnosis.conventions import candidates, find_convention, Finding
 from vio_eval_ros.diagnosis.correction import Correction, IDENTITY
 from vio_eval_ros.diagnosis.correlation import Peak
 from vio_eval_ros.diagnosis.fitting import T_95
 from vio_eval_ros.diagnosis.geometry import Body, fit_body, fit_scale, fit_world, World
 from vio_eval_ros.diagnosis.inputs import interpolated_over_s
-from vio_eval_ros.diagnosis.run import Run
+from vio_eval_ros.diagnosis.run import IMPROVEMENT, improvement, Run
 
 # What healthy runs show, with room: beyond these a parameter is suspicious. A stamp within 5 ms
 # costs nothing; stereo and IMU know the scale to 1 or 2 %, a calibration the turn of a sensor to
 # a few tenths of a degree; gravity is seen to half a degree, while the heading walks by some
 # degrees a minute. Positions alone tell the offset less well.
-OFFSET_S, OFFSET_OF_POSITIONS_S = 0.005, 0.03
+OFFSET_S = 0.005
 CLOCK_S = 0.01  # at either end of the run
 TURN_DEG = 1.0
-LEVER_M = 0.05
+LEVER_M = 0.04
 TILT_DEG = 1.5
 SCALE = math.log(1.024)
 SCALE_DRIFT = 0.05  # at either end of the run
@@ -32,10 +32,15 @@ YAW_DEG_PER_MIN = 8.0
 YAW_DEG = 5.0  # over the run
 LOST_RATIO = 0.03
 
+CONVENTIONS = tuple(dict.fromkeys(one.name for one in candidates() if one.name))
+
 #: a parameter is told if a fault so many times beyond the healthy could not have hidden
 HIDDEN = 2.0
-#: the confidence from which on a parameter is a suspect; of one that is hardly told, beyond doubt
-SURE, BEYOND_DOUBT = 0.8, 0.975
+#: the confidence from which on a parameter is a suspect; one that is hardly told has to be beyond
+#: the healthy by so many times its uncertainty
+SURE, BEYOND_DOUBT = 0.8, 1.5
+#: parts of a shorter run are too short to say how uncertain anything is
+SHORTEST_S = 5.0
 #: a correlation peak that may be believed
 PEAK = 0.6
 #: relative motions that agree no better than this tell nothing
@@ -44,6 +49,8 @@ MISFIT = 0.5
 UPRIGHT_DEG = 45.0
 #: by how much a jump must have made the ATE worse, and how many are tried
 LESS_ATE = 0.03
+#: the errors from one frame to the next
+FRAMES = r'(rotation )?RPE 1f'
 MOST_JUMPS = 20
 #: offsets closer than this lead to the same minimum
 SAME_S = 0.05
@@ -87,7 +94,9 @@ class Measurement:
     @property
     def unusual(self) -> bool:
         """Whether it is beyond what healthy runs show, as far as can be told."""
-        return self.confidence >= (SURE if self.told else BEYOND_DOUBT)
+        if self.told:
+            return self.confidence >= SURE
+        return self.size - self.healthy > BEYOND_DOUBT * self.size_uncertainty
 
     @property
     def confidence(self) -> float:
@@ -125,7 +134,7 @@ def measure(run: Run) -> Measured:
         'next_peak': peak.rival,
     }
     found.clock(lag)
-    found.breaks()
+    found.breaks(lag)
     found.gaps()
     drift = found.body(lag)
     found.world()
@@ -147,9 +156,14 @@ class _Found:
         }
         if convention.convention.name:
             self._note(_convention(convention))
+        elif not convention.told:
+            for name in CONVENTIONS:
+                self._note(_untold(_certain(name, math.nan, 'ratio')))
 
     def _note(self, parameter: Measurement, **undone: Any) -> None:
         """Remember a parameter; where it is unusual, the correction gets what undoes it."""
+        if 2 * self._run.half_s < SHORTEST_S and not math.isnan(parameter.uncertainty):
+            parameter = _untold(parameter)
         self.parameters.append(parameter)
         if parameter.unusual:
             self.correction = replace(self.correction, **undone)
@@ -164,12 +178,14 @@ class _Found:
         self._note(offset, offset_s=lag.offset_s)
         self._note(drift, clock_drift=lag.drift)
 
-    def breaks(self) -> None:
+    def breaks(self, lag: Lag) -> None:
         """Outliers, divergence, and the jumps that made the run worse."""
         run = self._run
         corrected = self.correction.apply(run.estimate)
         inside = run.true_poses.inside(corrected.stamps_ns)
-        found = find_breaks(run.pairs(self.correction), run.estimate.stamps_ns[inside])
+        sensor = rotation.from_matrix(lag.turn.T) if _turn(run, lag).told else IDENTITY
+        received_ns = run.estimate.stamps_ns[inside]
+        found = find_breaks(run.pairs(self.correction), received_ns, sensor)
         outliers = len(found.outliers_ns) / len(run.estimate)
         self._note(_certain('outliers', outliers, 'ratio'), outliers_ns=found.outliers_ns)
         if found.diverged_ns is not None:
@@ -178,9 +194,15 @@ class _Found:
             self._note(left, diverged_ns=found.diverged_ns)
         harmful = _harmful(run, self.correction, found.jumps)
         largest = max((jump.size_m for jump in harmful), default=0.0)
-        self._note(_certain('jump', largest, 'm'), jumps=harmful)
+        jump = replace(_certain('jump', largest, 'm'), size=float(len(harmful)))
+        self._note(jump, jumps=harmful)
         self.findings['jumps'] = [
-            {'stamp_ns': jump.stamp_ns, 'size_m': jump.size_m, 'harmful': jump in harmful}
+            {
+                'stamp_ns': jump.stamp_ns,
+                'size_m': jump.size_m,
+                'turn_deg': math.degrees(jump.turn_rad),
+                'harmful': jump in harmful,
+            }
             for jump in found.jumps
         ]
         self.findings['outlier_poses'] = {
@@ -194,7 +216,9 @@ class _Found:
         punctual = self.correction.only(['time_offset', 'clock_drift']).apply(run.estimate)
         gaps = find_gaps(punctual, run.truth, run.config.max_gap_s)
         duration_s = float(run.truth.stamps_ns[-1] - run.truth.stamps_ns[0]) / 1e9
-        lost = sum(gap.seconds for gap in gaps) / duration_s
+        missing = missing_s(punctual, gaps)
+        lost = (sum(gap.seconds for gap in gaps) + missing) / duration_s
+        self.findings['missing_between_poses_s'] = missing
         self._note(_certain('lost_tracking', lost, 'ratio', LOST_RATIO))
         self.findings['gaps'] = [
             {'begin_ns': gap.begin_ns, 'end_ns': gap.end_ns, 'seconds': gap.seconds}
@@ -258,13 +282,16 @@ def _lag(run: Run) -> tuple[Peak, Finding, Lag]:
 def _clock(run: Run, lag: Lag) -> list[Measurement]:
     told = lag.misfit < MISFIT
     uncertainty = (lag.offset_uncertainty_s, lag.drift_uncertainty) if told else 2 * (math.inf,)
+    # what a scale or a heading that drifts makes of positions looks like a clock that does
+    if not run.turning:
+        uncertainty = uncertainty[0], math.inf
     return [
         Measurement.of(
             'time_offset',
             lag.offset_s if told else 0.0,
             's',
             uncertainty[0],
-            OFFSET_S if run.turning else OFFSET_OF_POSITIONS_S,
+            OFFSET_S,
         ),
         Measurement.of(
             'clock_drift',
@@ -361,13 +388,16 @@ def _harmful(run: Run, correction: Correction, jumps: tuple[Jump, ...]) -> tuple
     """
     Return the jumps that made the run worse.
 
-    An estimator also steps when it takes back an error; without that step the run were worse.
+    An estimator also steps when it takes back an error; without that step the run were worse. One
+    that is clearly no such step is harmful by what it does to the motions from frame to frame.
     """
     harmful: tuple[Jump, ...] = ()
-    ate = run.errors(correction).get('ATE [m]', math.nan)
-    for jump in sorted(jumps, key=lambda jump: -jump.size_m)[:MOST_JUMPS]:
+    errors = run.errors(correction)
+    for jump in sorted(jumps, key=lambda jump: -jump.size_m - jump.turn_rad)[:MOST_JUMPS]:
         tried = tuple(sorted((*harmful, jump), key=lambda jump: jump.stamp_ns))
-        without = run.errors(replace(correction, jumps=tried)).get('ATE [m]', math.nan)
-        if without < (1 - LESS_ATE) * ate:
-            harmful, ate = tried, without
+        without = run.errors(replace(correction, jumps=tried))
+        _, ate, less = improvement(errors, without, 'ATE')
+        _, step, smoother = improvement(errors, without, FRAMES)
+        if less < (1 - LESS_ATE) * ate or (jump.clear and smoother <= (1 - IMPROVEMENT) * step):
+            harmful, errors = tried, without
     return harmful

@@ -71,6 +71,12 @@ class Run:
             truth = truth[(elapsed_s >= config.start_s) & (elapsed_s <= config.end_s)]
         return cls(estimate, truth, config)
 
+    def keeping(self, rows: np.ndarray, side: str) -> Run:
+        """Return the run without some poses of its ``estimate`` or its ``truth``."""
+        sides = {'estimate': self.estimate, 'truth': self.truth}
+        sides[side] = sides[side][rows]
+        return Run(sides['estimate'], sides['truth'], self.config)
+
     @cached_property
     def gap_s(self) -> float:
         """Over longer intervals the truth is not interpolated."""
