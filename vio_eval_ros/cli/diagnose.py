@@ -9,13 +9,13 @@ import json
 import math
 from pathlib import Path
 import shlex
-from typing import Any
 
 import numpy as np
 
 from vio_eval_ros.cli.inputs import add_inputs, sources_of
 from vio_eval_ros.cli.shell import add_options, config_of, FAILED, Parser, PASSED, progress, run
 from vio_eval_ros.core.config import nearest_name
+from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.core.trajectory import clean, Cleaning, Trajectory
 from vio_eval_ros.diagnosis.diagnosis import Cause, diagnose, Diagnosis, NAMES
 from vio_eval_ros.diagnosis.gyroscope import compare, Comparison
@@ -221,13 +221,10 @@ def _moments(cause: Cause, diagnosis: Diagnosis, estimate: Trajectory) -> list[s
 
 def _errors(diagnosis: Diagnosis) -> dict[str, dict[str, float | None]]:
     """Return each error before and after, by its name."""
-    before, after = diagnosis.errors_before, diagnosis.errors_after
+    after = diagnosis.errors_after
     return {
-        name: {
-            'before': value if math.isfinite(value) else None,
-            'after': after[name] if math.isfinite(after.get(name, math.nan)) else None,
-        }
-        for name, value in before.items()
+        name: without_nan({'before': value, 'after': after.get(name)})
+        for name, value in diagnosis.errors_before.items()
     }
 
 
@@ -285,9 +282,7 @@ def _signals(arguments: argparse.Namespace) -> int:
     seconds = [(stamps_ns - start_ns) / 1e9 for stamps_ns, _ in columns]
     found = lag_of_signals(seconds[0], columns[0][1], seconds[1], columns[1][1])
     if arguments.json:
-        values: dict[str, Any] = {'schema': 'vio_eval_ros.signal_lag/1'}
-        for name, value in vars(found).items():
-            values[name] = value if math.isfinite(value) else None
+        values = {'schema': 'vio_eval_ros.signal_lag/1'} | without_nan(vars(found))
         print(json.dumps(values, indent=2, allow_nan=False))
     else:
         print('\n'.join(_signals_text(found, arguments.signals)))

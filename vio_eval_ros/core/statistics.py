@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
@@ -45,3 +46,14 @@ def _quantiles(errors: np.ndarray, fractions: tuple[float, ...]) -> list[float]:
         float(ordered[i] + (ordered[j] - ordered[i]) * (place - i))
         for place, i, j in zip(places, lower, upper, strict=True)
     ]
+
+
+def without_nan(value: Any) -> Any:
+    """Return the same, for JSON, with None in place of what is no finite number."""
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    if isinstance(value, dict):
+        return {name: without_nan(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [without_nan(item) for item in value]
+    return value

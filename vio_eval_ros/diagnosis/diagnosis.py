@@ -18,7 +18,7 @@ import numpy as np
 from vio_eval_ros.core.alignment import SCALED_MODES
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.rotation import lengths
-from vio_eval_ros.core.statistics import root_mean_square
+from vio_eval_ros.core.statistics import root_mean_square, without_nan
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.advice import advice, evidence, flags
 from vio_eval_ros.diagnosis.conventions import Finding
@@ -119,19 +119,10 @@ class Diagnosis:
         """Return all but the trajectory as plain numbers, strings and lists."""
         return {
             'schema': SCHEMA,
-            'causes': [_finite(asdict(cause)) for cause in self.causes],
+            'causes': [without_nan(asdict(cause)) for cause in self.causes],
             'cannot_tell': list(self.cannot_tell),
-            'findings': _finite(self.findings),
+            'findings': without_nan(self.findings),
         }
-
-
-def _finite(value: Any) -> Any:
-    """Return a value whose numbers are finite or None, for JSON."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def diagnose(estimate: Trajectory, truth: Trajectory, config: EvaluationConfig) -> Diagnosis:

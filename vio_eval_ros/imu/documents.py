@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from vio_eval_ros import __version__
+from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.imu.allan import CONFIDENCE, interval
 from vio_eval_ros.imu.analysis import Analysis, Axis
@@ -53,7 +54,7 @@ def json_document(analysis: Analysis) -> str:
         'kalibr': {key: largest(analysis, *what) for key, what in KALIBR.items()},
         'warnings': analysis.warnings,
     }
-    return json.dumps(_finite(document), indent=2, allow_nan=False) + '\n'
+    return json.dumps(without_nan(document), indent=2, allow_nan=False) + '\n'
 
 
 def table(analysis: Analysis) -> str:
@@ -228,12 +229,3 @@ def band(axis: Axis) -> tuple[np.ndarray, np.ndarray]:
     ]
     low, high = np.array(pairs).T
     return low, high
-
-
-def _finite(value: Any) -> Any:
-    """Return a document with null for what is not a number."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from vio_eval_ros import __version__
+from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.inspection.calibration import Calibration
 from vio_eval_ros.inspection.expectations import Verdict
 from vio_eval_ros.inspection.findings import ALWAYS_INFO, Finding, LEVELS, worst_first
@@ -193,7 +194,7 @@ def json_document(report: Report) -> str:
         'expectations': [verdict.to_dict() for verdict in report.verdicts],
         'calibration': report.calibration and report.calibration.to_dict(),
     }
-    return json.dumps(_finite(document), indent=2, allow_nan=False) + '\n'
+    return json.dumps(without_nan(document), indent=2, allow_nan=False) + '\n'
 
 
 def _stream(report: Report, one: Examined) -> dict[str, Any]:
@@ -210,15 +211,6 @@ def _stream(report: Report, one: Examined) -> dict[str, Any]:
         'inertial': one.inertial and vars(one.inertial),
         'motion': one.motion and vars(one.motion),
     }
-
-
-def _finite(value: Any) -> Any:
-    """Return a document with null for what is not a number."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def failed(report: Report, names: Iterable[str]) -> bool:

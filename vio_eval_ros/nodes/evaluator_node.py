@@ -114,14 +114,12 @@ class Evaluator(Node):
                 near = nearest_name(name, known)
                 raise ConfigError(f"publish_metrics: there is no metric '{name}'{near}")
 
-        def topics(kind: str) -> dict[str, Publisher]:
+        def topic(kind: str, name: str) -> Publisher:
             # a delta such as 0.5s has a dot, which the name of a topic must not have
-            paths = {name: f'~/{kind}/{name.replace(".", "_")}' for name in names}
-            return {n: self.create_publisher(Float64, path, 10) for n, path in paths.items()}
+            return self.create_publisher(Float64, f'~/{kind}/{name.replace(".", "_")}', 10)
 
-        self._windows = topics('window')
-        names = tuple(name for name in names if name in kept_up)
-        self._metrics = topics('metrics')
+        self._windows = {name: topic('window', name) for name in names}
+        self._metrics = {name: topic('metrics', name) for name in names if name in kept_up}
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._result = self.create_publisher(String, '~/result', latched)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-import math
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +12,7 @@ from vio_eval_ros.core.association import Stream
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Summary
 from vio_eval_ros.core.gates import Gate, judge, Verdict
+from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.core.trajectory import Trajectory
 
 SCHEMA = 'vio_eval_ros.result/1'
@@ -108,14 +108,3 @@ class Result:
             'verdict': {True: 'pass', False: 'fail', None: None}[self.passed],
         }
         return {name: without_nan(value) for name, value in result.items()}
-
-
-def without_nan(value: Any) -> Any:
-    """Return the same with None in place of what is no finite number."""
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    if isinstance(value, dict):
-        return {name: without_nan(item) for name, item in value.items()}
-    if isinstance(value, list):
-        return [without_nan(item) for item in value]
-    return value

@@ -17,9 +17,10 @@ import numpy as np
 
 from vio_eval_ros import __version__
 from vio_eval_ros.core.config import EvaluationConfig, nearest_name
+from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings.sources import Spec
-from vio_eval_ros.reports.result import Input, Result, without_nan
+from vio_eval_ros.reports.result import Input, Result
 from vio_eval_ros.scoring.run import sha256
 
 if TYPE_CHECKING:

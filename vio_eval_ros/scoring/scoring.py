@@ -16,9 +16,10 @@ import warnings
 
 from vio_eval_ros import __version__
 from vio_eval_ros.core.gates import judge, Verdict
+from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.errors import ReadError, VioEvalError
 from vio_eval_ros.recordings.sources import read_sources, Source
-from vio_eval_ros.reports.result import Result, without_nan
+from vio_eval_ros.reports.result import Result
 from vio_eval_ros.scoring.baseline import (
     Baseline,
     compare,
