@@ -14,6 +14,7 @@ from vio_eval_ros.core.association import nanoseconds
 from vio_eval_ros.core.rotation import lengths
 from vio_eval_ros.core.trajectory import Pairs, Trajectory
 from vio_eval_ros.diagnosis.fitting import horizon, robust_similarity
+from vio_eval_ros.diagnosis.interpolation import Interpolator
 
 REACH = 5
 # A VIO corrects itself by centimetres from frame to frame; what is named is clearly more.
@@ -28,7 +29,10 @@ DIVERGED_EXTENTS, DIVERGED_M = 1.0, 1.0
 # the last shares of a run that are compared with the drift over as long elsewhere in it
 LAST, DIVERGED_TIMES = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4), 5.0
 GAP_INTERVALS = 5.0
-REGULAR, EVEN, NEARLY_ALL = 1.5, 1.1, 0.7
+REGULAR, EVEN = 1.5, 1.1
+# of a stream with a rate, so many intervals are the shortest; and as fast does the body move in
+# its long intervals, at least, where it is not by its motion that poses are chosen
+HAS_RATE, AS_FAST, FEWEST_HOLES = 0.45, 0.75, 5
 GAP_PATH_TIMES, GAP_PATH_M = 3.0, 0.5
 LATE_START, EARLY_END = 0.25, 0.1
 
@@ -277,20 +281,32 @@ def _flying(errors: np.ndarray) -> int | None:
     return found
 
 
-def missing_s(estimate: Trajectory, gaps: list[Gap]) -> float:
+def missing_s(estimate: Trajectory, truth: Interpolator, gaps: list[Gap]) -> float:
     """
     Return for how long poses are missing between those gaps, one or some at a time.
 
-    Only a stream of which nearly all intervals are the shortest has a rate that it falls short of;
-    keyframes have none.
+    A stream has a rate that it falls short of where many of its intervals are the shortest.
+    Keyframes are chosen by how far the camera has moved or turned, so that it does so slowly in
+    their long intervals; whether a pose is lost does not depend on that, or it moves faster then.
     """
     intervals = np.diff(estimate.stamps_ns)
-    shortest, usual, longer = np.quantile(intervals, [0.05, 0.5, NEARLY_ALL])
-    if longer > EVEN * shortest:
+    shortest, longer = np.quantile(intervals, [0.05, HAS_RATE])
+    usual = float(np.median(intervals[intervals <= REGULAR * shortest]))
+    between = ~np.isin(estimate.stamps_ns[:-1], [gap.begin_ns for gap in gaps])
+    hole = between & (intervals > REGULAR * usual)
+    if longer > EVEN * shortest or np.count_nonzero(hole) < FEWEST_HOLES:
         return 0.0
-    short = ~np.isin(estimate.stamps_ns[:-1], [gap.begin_ns for gap in gaps])
-    missed = intervals[short & (intervals > REGULAR * usual)]
-    return float(np.sum(missed - usual)) / 1e9
+    poses = truth.at(estimate.stamps_ns)
+    moved = [lengths(np.diff(poses.positions, axis=0))]
+    if poses.rotations is not None:
+        moved.append(rotation.angle_between(poses.rotations[1:], poses.rotations[:-1]))
+    for way in moved:
+        within, elsewhere = (
+            float(way[rows].sum() / intervals[rows].sum()) for rows in (hole, between & ~hole)
+        )
+        if within < AS_FAST * elsewhere:
+            return 0.0
+    return float(np.sum(intervals[hole] - usual)) / 1e9
 
 
 def find_gaps(estimate: Trajectory, truth: Trajectory, max_gap_s: float) -> list[Gap]:

@@ -45,7 +45,8 @@ class Body:
     What short relative motions tell.
 
     :param lever: (3,) metres of the estimate, the position of the body in the tracked frame.
-    :param lever_length: its length.
+    :param lever_length: its length in metres of the truth, in which a body has its size whatever
+        the scale of the estimate.
     :param scale_drift: by how much more of itself the scale grows, per second.
     """
 
@@ -87,7 +88,10 @@ def fit_body(pairs: Pairs, turn: np.ndarray) -> Body:
     scale, lever = float(fit.values[0]), fit.values[2:]
     relative = abs(scale) * half_s
     drift = Estimated(float(fit.values[1]) / relative, fit.uncertainty(1) / relative)
-    return Body(lever, Estimated(float(np.linalg.norm(lever)), _worst(fit, slice(2, 5))), drift)
+    length = Estimated(
+        float(np.linalg.norm(lever)) / abs(scale), _worst(fit, slice(2, 5)) / abs(scale)
+    )
+    return Body(lever, length, drift)
 
 
 def _worst(fit: Fit, rows: slice) -> float:

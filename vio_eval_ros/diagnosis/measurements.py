@@ -216,7 +216,7 @@ class _Found:
         punctual = self.correction.only(['time_offset', 'clock_drift']).apply(run.estimate)
         gaps = find_gaps(punctual, run.truth, run.config.max_gap_s)
         duration_s = float(run.truth.stamps_ns[-1] - run.truth.stamps_ns[0]) / 1e9
-        missing = missing_s(punctual, gaps)
+        missing = missing_s(punctual, run.true_poses, gaps)
         lost = (sum(gap.seconds for gap in gaps) + missing) / duration_s
         self.findings['missing_between_poses_s'] = missing
         self._note(_certain('lost_tracking', lost, 'ratio', LOST_RATIO))
