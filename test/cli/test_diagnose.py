@@ -150,6 +150,54 @@ def test_replay_with_the_flags_has_the_errors_of_the_unharmed_run(name, flight, 
     assert mended['rpe_1f_rot_rmse_deg'] < 1.05 * clean['rpe_1f_rot_rmse_deg']
 
 
+def test_a_tilt_that_the_alignment_does_not_take_out_is_told_to_which_does(
+    flight, tmp_path, capsys
+):
+    run = simulate(duration_s=40.0)
+    tilted = inject(run, 'gravity_tilt', (5.0,), np.random.default_rng(0)).estimate
+    (tmp_path / 'tilted.txt').write_text(tum(tilted))
+    files = ['--estimate', f'{tmp_path}/tilted.txt', *pair(flight, 'est')[2:]]
+    (cause,) = json.loads(diagnose(*files, '--alignment', 'posyaw', '--json').stdout)['causes']
+    assert (cause['name'], cause['flags']) == ('gravity_tilt', ['--alignment', 'se3'])
+
+    def ate_m(*arguments: str) -> float:
+        assert replay.main([*arguments, '--json']) == 0
+        return json.loads(capsys.readouterr().out)['metrics']['ate_trans_rmse_m']
+
+    assert ate_m(*files, '--alignment', 'posyaw') == pytest.approx(cause['ate_before_m'])
+    assert ate_m(*files, *cause['flags']) == pytest.approx(
+        ate_m(*pair(flight, 'est'), '--alignment', 'se3'), rel=1e-6
+    )
+    (cause,) = json.loads(diagnose(*files, '--json').stdout)['causes']  # se3 as it is
+    assert (cause['name'], cause['flags']) == ('gravity_tilt', [])
+
+
+def test_poses_that_cannot_be_used_are_pointed_out(flight, tmp_path):
+    poses = (flight / 'est.txt').read_text().splitlines()
+    poses[100] = poses[100].replace(poses[100].split()[1], 'nan', 1)
+    stray = '4000000000.0' + poses[-1][poses[-1].index(' ') :]
+    (tmp_path / 'est.txt').write_text('\n'.join([*poses, stray]) + '\n')
+    done = diagnose('--estimate', tmp_path / 'est.txt', *pair(flight, 'est')[2:])
+    assert done.returncode == 0, done.stderr
+    said, *rest = done.stdout.splitlines()
+    assert said == 'nothing unusual, but for what is below'
+    assert 'warning: the estimate has poses that were left out: 1 non_finite.' in rest
+    assert any('stamps far from all others, left out: 1.' in line for line in rest)
+
+
+def test_orientations_that_were_never_filled_in_are_pointed_out(flight, tmp_path):
+    poses = simulate(duration_s=40.0).estimate
+    blank = np.tile([0.0, 0.0, 0.0, 1.0], (len(poses), 1))
+    (tmp_path / 'est.txt').write_text(tum(replace(poses, rotations=blank)))
+    files = ['--estimate', tmp_path / 'est.txt', *pair(flight, 'est')[2:]]
+    said = diagnose(*files).stdout
+    assert said.startswith('nothing unusual, but for what is below\n')
+    assert 'all orientations of the estimate are the same' in said
+    found = json.loads(diagnose(*files, '--json').stdout)
+    assert found['findings']['orientations_that_never_change'] == ['estimate']
+    assert {'sensor_rotation', 'quaternion_order'} <= set(found['cannot_tell'])
+
+
 def test_no_statement_is_advised_that_says_how_the_file_was_read(flight, tmp_path):
     poses = simulate(duration_s=40.0).estimate
     (tmp_path / 'moved.txt').write_text(
@@ -259,8 +307,18 @@ def test_two_signals_are_aligned_without_any_trajectory(tmp_path):
     files = ['--signals', tmp_path / 'a.csv', tmp_path / 'b.csv']
     done = diagnose(*files, '--json')
     assert done.returncode == 0, done.stderr
-    assert json.loads(done.stdout)['offset_s'] == pytest.approx(0.25, abs=1e-4)
+    found = json.loads(done.stdout)
+    assert found['offset_s'] == pytest.approx(0.25, abs=1e-4)
+    assert found['left_out'] == [0, 0]
     assert 'are 250.00 ± ' in diagnose(*files).stdout
+
+    rows = (tmp_path / 'a.csv').read_text().splitlines()
+    rows[10] = rows[10].split()[0] + ' nan'
+    (tmp_path / 'a.csv').write_text('\n'.join([*rows, rows[5]]) + '\n')
+    assert json.loads(diagnose(*files, '--json').stdout)['left_out'] == [2, 0]
+    said = diagnose(*files).stdout
+    assert '2 rows of ' in said
+    assert 'a.csv repeat a stamp or are no finite numbers' in said
 
 
 def test_signals_that_cannot_be_compared_are_refused_in_one_line(tmp_path):
@@ -268,6 +326,7 @@ def test_signals_that_cannot_be_compared_are_refused_in_one_line(tmp_path):
     contents = {
         'good': np.column_stack([seconds, np.sin(seconds) + np.sin(3 * seconds)]),
         'unknown': np.column_stack([seconds, np.full(len(seconds), np.nan)]),
+        'huge': np.column_stack([seconds, 1e300 * np.cos(seconds)]),
         'constant': np.column_stack([seconds, np.ones(len(seconds))]),
         'few': np.column_stack([seconds, seconds])[:3],
         'narrow': seconds[:, None],
@@ -278,6 +337,7 @@ def test_signals_that_cannot_be_compared_are_refused_in_one_line(tmp_path):
     good = tmp_path / 'good.csv'
     for name, said in {
         'unknown': 'no finite value',
+        'huge': 'no finite value',
         'constant': 'never changes',
         'few': '1000 and 3 samples',
         'narrow': 'two columns, time and value',

@@ -116,18 +116,82 @@ def test_the_files_of_a_folder_are_one_chain(tmp_path):
     assert 'cam0 is the left camera, cam1 the right' in told
 
 
+KALIBR = {
+    'gyroscope_noise_density': 1.7e-4,
+    'gyroscope_random_walk': 2e-5,
+    'accelerometer_noise_density': 2e-3,
+    'accelerometer_random_walk': 3e-3,
+    'update_rate': 200.0,
+}
+
+
+def noted(path: Path, **changed: float) -> Calibration:
+    path.write_text(yaml.safe_dump(KALIBR | changed))
+    return checked(path)
+
+
 def test_a_file_of_noise_alone_is_one_of_kalibrs(tmp_path):
-    file = tmp_path / 'imu.yaml'
-    file.write_text('gyroscope_noise_density: 1.0e-4\nupdate_rate: 200.0\n')
-    assert checked(file).sentences == {str(file): ['there is no camera in it']}
+    calibration = noted(tmp_path / 'imu.yaml')
+    assert calibration.findings == []
+    (told,) = calibration.sentences.values()
+    assert told[0].startswith('imu0: gyroscope_noise_density 0.00017 rad/s/√Hz')
+
+
+@pytest.mark.parametrize('key', KALIBR)
+@pytest.mark.parametrize(
+    ('value', 'level'), [(-1e-3, 'fail'), (0.0, 'fail'), (1e7, 'warn'), (1e-12, 'warn')]
+)
+def test_noise_that_no_imu_has_is_named(tmp_path, key, value, level):
+    (found,) = noted(tmp_path / 'imu.yaml', **{key: value}).findings
+    assert (found.name, found.level) == ('imu_noise', level)
+    assert key in found.message
+
+
+def test_noise_of_which_a_part_lacks_is_named(tmp_path):
+    file = tmp_path / 'chain.yaml'
+    file.write_text(yaml.safe_dump({'imu0': {**KALIBR, 'T_i_b': np.eye(4).tolist()}}))
+    assert checked(file).findings == []
+    file.write_text('gyroscope_noise_density: 1.0e-4\ngyroscope_random_walk: 1.0e-5\n')
+    (found,) = checked(file).findings
+    assert found.message == (
+        'there is no accelerometer_noise_density and no accelerometer_random_walk'
+    )
+
+
+@pytest.mark.parametrize('key', ['T_imu_cam', 'T_cam_imu'])
+def test_a_last_row_that_is_none_is_found_whichever_way_it_maps(tmp_path, key):
+    left, right = (m if key == 'T_imu_cam' else np.linalg.inv(m) for m in (LEFT, RIGHT))
+    right[3] = [0, 0, 0, 2]
+    (found,) = checked(written(tmp_path / 'chain.yaml', **stereo(key, left, right))).findings
+    assert (found.name, found.level) == ('not_a_rotation', 'fail')
+    assert '[0.0, 0.0, 0.0, 2.0]' in found.message
+
+
+@pytest.mark.parametrize('key', ['T_imu_cam', 'T_cam_imu'])
+@pytest.mark.parametrize('harmed', [('cam0',), ('cam1',), ('cam0', 'cam1')])
+def test_millimetres_are_one_finding(tmp_path, key, harmed):
+    cameras = stereo(key, *(m if key == 'T_imu_cam' else np.linalg.inv(m) for m in (LEFT, RIGHT)))
+    for name in harmed:
+        cameras[name][key] = cameras[name][key].copy()
+        cameras[name][key][:3, 3] *= 1000
+    right = written(tmp_path / 'right.yaml', **stereo('T_imu_cam', LEFT, RIGHT))
+    (found,) = checked(right, written(tmp_path / 'chain.yaml', **cameras)).findings
+    assert (found.name, found.level, found.count) == ('lever_arm', 'fail', len(harmed))
+    assert 'in millimetres?' in found.message
 
 
 @pytest.mark.parametrize(
     ('text', 'problem'),
     [
+        (f'a: {"x" * 2**20}', 'too large for a calibration'),
         ('cam0:\n  T_cam_imu: [1, 2]\n', 'line 2: T_cam_imu: a matrix of 4 rows and 4 columns'),
         ('cam0:\n  T_cam_imu: {data: x}\n', 'line 2: T_cam_imu: a matrix of 4 rows'),
         ('cam0:\n  T_cam_imu: [[.nan, 0, 0, 0]]\n', 'line 2: T_cam_imu: a matrix of 4 rows'),
+        (f'cam0:\n  T_cam_imu: {np.diag([1e200, 1, 1, 1]).tolist()}\n', 'of numbers below 1e+06'),
+        ('cam0:\n  timeshift_cam_imu: .nan\n', 'line 2: timeshift_cam_imu: a finite number'),
+        ('cam0:\n  timeshift_cam_imu: abc\n', 'line 2: timeshift_cam_imu: a finite number'),
+        ('gyroscope_noise_density: .inf\n', 'line 1: gyroscope_noise_density: a finite number'),
+        ('imu0:\n  update_rate: [200]\n', 'line 2: update_rate: a finite number'),
         ('cam0: {}\ncam1: {}\n', 'line 2: cam1 has none of T_imu_cam'),
         ('cam0: !!python/object:os.system {}\n', 'is no plain data'),
         ('a: 1\n', 'there is no T_BS, and no sensor'),

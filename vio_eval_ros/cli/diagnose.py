@@ -16,7 +16,7 @@ from vio_eval_ros.cli.inputs import add_inputs, sources_of
 from vio_eval_ros.cli.shell import add_options, config_of, FAILED, Parser, PASSED, progress, run
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.statistics import without_nan
-from vio_eval_ros.core.trajectory import clean, Cleaning, Trajectory
+from vio_eval_ros.core.trajectory import clean, Cleaning, LARGEST, Trajectory
 from vio_eval_ros.diagnosis.diagnosis import Cause, diagnose, Diagnosis, NAMES
 from vio_eval_ros.diagnosis.gyroscope import compare, Comparison
 from vio_eval_ros.diagnosis.signals import lag_of_signals, SignalLag
@@ -146,7 +146,9 @@ def _stated(sources: dict[str, Source], diagnosis: Diagnosis) -> Diagnosis:
 
 def _text(diagnosis: Diagnosis, estimate: Trajectory) -> list[str]:
     """Return what is wrong, one paragraph a cause, and what could not be told."""
-    lines = [] if diagnosis.causes else ['nothing unusual']
+    warnings = _warnings(diagnosis)
+    nothing = 'nothing unusual' + ', but for what is below' * bool(warnings)
+    lines = [] if diagnosis.causes else [nothing]
     for number_of, cause in enumerate(diagnosis.causes, 1):
         if number_of > 1:
             lines.append('')
@@ -170,7 +172,7 @@ def _text(diagnosis: Diagnosis, estimate: Trajectory) -> list[str]:
     if diagnosis.cannot_tell:
         lines += ['', 'cannot tell, because the motion or the data do not show it: '
                   + ', '.join(diagnosis.cannot_tell)]  # fmt: skip
-    return [*lines, *_warnings(diagnosis)]
+    return lines + [line for warning in warnings for line in ('', f'warning: {warning}')]
 
 
 def _warnings(diagnosis: Diagnosis) -> list[str]:
@@ -180,6 +182,16 @@ def _warnings(diagnosis: Diagnosis) -> list[str]:
         said = ', '.join(f'{count} {reason}' for reason, count in reasons.items() if count)
         if said:
             warnings.append(f'{SIDES[side]} has poses that were left out: {said}.')
+    for side, count in findings.get('stamps_far_from_all_others', {}).items():
+        if count:
+            warnings.append(
+                f'{SIDES[side]} has poses with stamps far from all others, left out: {count}.'
+            )
+    for side in findings.get('orientations_that_never_change', []):
+        warnings.append(
+            f'all orientations of {SIDES[side]} are the same, as if they had never been filled '
+            'in: they were left out, and what only orientations tell is not known.'
+        )
     if findings.get('positions_contradict_offset'):
         offset = findings['time_offset']
         late = f'{1e3 * offset["value"]:.1f} ± {1e3 * offset["uncertainty"]:.1f} ms late'
@@ -193,7 +205,7 @@ def _warnings(diagnosis: Diagnosis) -> list[str]:
             f'the ground truth was interpolated from {knots}: it cuts corners between them, and '
             'errors of faster motion may be its own. Use the poses it was made from.'
         )
-    return [line for warning in warnings for line in ('', f'warning: {warning}')]
+    return warnings
 
 
 def _moments(cause: Cause, diagnosis: Diagnosis, estimate: Trajectory) -> list[str]:
@@ -277,15 +289,22 @@ def _signals(arguments: argparse.Namespace) -> int:
         if getattr(arguments, name) not in (None, False):
             flag = name.upper() if name == 'recording' else f'--{name.replace("_", "-")}'
             raise ConfigError(f'--signals stands alone: leave out {flag}')
-    columns = [_signal(path) for path in arguments.signals]
-    start_ns = columns[1][0][0]
-    seconds = [(stamps_ns - start_ns) / 1e9 for stamps_ns, _ in columns]
-    found = lag_of_signals(seconds[0], columns[0][1], seconds[1], columns[1][1])
+    signals = [_signal(path) for path in arguments.signals]
+    start_ns = signals[1][0][0]
+    seconds = [(stamps_ns - start_ns) / 1e9 for stamps_ns, _, _ in signals]
+    found = lag_of_signals(seconds[0], signals[0][1], seconds[1], signals[1][1])
+    left_out = [count for _, _, count in signals]
     if arguments.json:
         values = {'schema': 'vio_eval_ros.signal_lag/1'} | without_nan(vars(found))
-        print(json.dumps(values, indent=2, allow_nan=False))
+        print(json.dumps(values | {'left_out': left_out}, indent=2, allow_nan=False))
     else:
-        print('\n'.join(_signals_text(found, arguments.signals)))
+        lines = _signals_text(found, arguments.signals)
+        lines += [
+            f'{count} rows of {path} repeat a stamp or are no finite numbers, and were left out'
+            for path, count in zip(arguments.signals, left_out, strict=True)
+            if count
+        ]
+        print('\n'.join(map(printable, lines)))
     return PASSED
 
 
@@ -302,8 +321,8 @@ def _signals_text(found: SignalLag, paths: Sequence[Path]) -> list[str]:
     return lines
 
 
-def _signal(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Return stamps [ns], increasing, and values of a file of two columns."""
+def _signal(path: Path) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return stamps [ns], increasing, values, and how many rows of a file are neither."""
     rows = read_text(path).rows
     if rows.values.shape[1] < 2:
         raise ReadError(path, 'a signal has two columns, time and value')
@@ -314,7 +333,8 @@ def _signal(path: Path) -> tuple[np.ndarray, np.ndarray]:
     )
     stamps_ns, first = np.unique(rows.nanoseconds(path, unit), return_index=True)
     values = rows.values[first, 1]
-    known = np.isfinite(values)
+    known = np.abs(values) < LARGEST
     if not known.any():
         raise ReadError(path, 'its second column has no finite value')
-    return stamps_ns[known], values[known]
+    kept = stamps_ns[known]
+    return kept, values[known], len(rows.values) - len(kept)

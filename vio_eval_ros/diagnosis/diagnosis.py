@@ -145,8 +145,9 @@ def diagnose_run(run: Run) -> Diagnosis:
         return _without_motion(run, 'truth_static')
     if stays(run.estimate) and not stays(run.truth, SURELY_MOVES_M):
         return _without_motion(run, 'insufficient_motion')
-    if frozen(run.estimate, run.truth).any():  # what it repeats is no estimate
-        return diagnose_run(run.keeping(~frozen(run.estimate, run.truth), 'estimate'))
+    lost = frozen(run.estimate, run.truth)
+    if lost.any():  # what it repeats is no estimate
+        return diagnose_run(run.of(run.estimate[~lost], run.truth))
     still = frozen(run.truth, run.estimate)
     if still.any():
         return _where_truth_moves(run, ~still)
@@ -182,7 +183,7 @@ def diagnose_run(run: Run) -> Diagnosis:
 
 def _where_truth_moves(run: Run, moving: np.ndarray) -> Diagnosis:
     """Return the diagnosis without what the truth repeats, with the repetition as a cause."""
-    rest = run.keeping(moving, 'truth')
+    rest = run.of(run.estimate, run.truth[moving])
     diagnosis = diagnose_run(rest)
     nothing = Correction(run.middle_ns)
     share = 1 - float(np.mean(moving))
@@ -251,7 +252,7 @@ class Named:
 
 def _with_truth_mended(run: Run, found: Finding) -> Diagnosis:
     """Return the diagnosis against the truth as it was meant, with its convention as a cause."""
-    meant = Run(run.estimate, found.convention.undo(run.truth), run.config)
+    meant = run.of(run.estimate, found.convention.undo(run.truth))
     diagnosis = diagnose_run(meant)
     nothing = Correction(run.middle_ns)
     cause = Cause(

@@ -152,6 +152,7 @@ class _Found:
         self.findings: dict[str, Any] = {
             'position_only': not run.turning,
             'stamps_far_from_all_others': run.stray,
+            'orientations_that_never_change': run.unturned,
             'truth_interpolated_s': interpolated_over_s(run.truth),
         }
         if convention.convention.name:

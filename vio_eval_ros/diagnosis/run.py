@@ -44,10 +44,15 @@ class Run:
     def __init__(self, estimate: Trajectory, truth: Trajectory, config: EvaluationConfig) -> None:
         self.config = config
         received = {'estimate': estimate, 'ground_truth': truth}
-        sides = {name: _honest(_together(poses)) for name, poses in received.items()}
-        self.estimate, self.truth = sides.values()
+        sides = {name: _together(poses) for name, poses in received.items()}
         #: how many poses of each side have stamps far from all others, and are left out
         self.stray = {name: len(received[name]) - len(poses) for name, poses in sides.items()}
+        #: the sides whose orientations are one constant that stands for none, and are left out
+        self.unturned = [name for name, poses in sides.items() if _never_turns(poses)]
+        self.estimate, self.truth = (
+            replace(poses, rotations=None) if name in self.unturned else poses
+            for name, poses in sides.items()
+        )
         for name, side in (('estimate', self.estimate), ('ground truth', self.truth)):
             if len(side) < FEWEST_POSES:
                 raise NoPairs(
@@ -71,11 +76,11 @@ class Run:
             truth = truth[(elapsed_s >= config.start_s) & (elapsed_s <= config.end_s)]
         return cls(estimate, truth, config)
 
-    def keeping(self, rows: np.ndarray, side: str) -> Run:
-        """Return the run without some poses of its ``estimate`` or its ``truth``."""
-        sides = {'estimate': self.estimate, 'truth': self.truth}
-        sides[side] = sides[side][rows]
-        return Run(sides['estimate'], sides['truth'], self.config)
+    def of(self, estimate: Trajectory, truth: Trajectory) -> Run:
+        """Return this run of other poses, made from its own."""
+        run = Run(estimate, truth, self.config)
+        run.stray, run.unturned = self.stray, self.unturned
+        return run
 
     @cached_property
     def gap_s(self) -> float:
@@ -148,11 +153,9 @@ def _together(poses: Trajectory) -> Trajectory:
     return poses if near.all() else poses[near]
 
 
-def _honest(poses: Trajectory) -> Trajectory:
-    """Return the poses without rotations where these are a constant that stands for none."""
-    q = poses.rotations
-    constant = q is not None and not (q != q[:1]).any()
-    return replace(poses, rotations=None) if constant else poses
+def _never_turns(poses: Trajectory) -> bool:
+    """Return whether all rotations are the same to the last digit, as no measured ones are."""
+    return poses.rotations is not None and not (poses.rotations != poses.rotations[:1]).any()
 
 
 def improvement(

@@ -15,17 +15,27 @@ from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.inspection.findings import Finding
 from vio_eval_ros.inspection.inertial import upwards
 from vio_eval_ros.inspection.inspection import Inspection
-from vio_eval_ros.settings import finite, parse_yaml, Section
+from vio_eval_ros.settings import finite, MAX_YAML_BYTES, parse_yaml, Section
 
 #: What the names of transformations mean: whether the first or the second frame is the sensor's.
 #: T_A_B maps coordinates in B into coordinates in A.
 FROM_CAMERA = ('T_imu_cam', 'T_BS', 'T_i_c', 'T_body_cam')
 TO_CAMERA = ('T_cam_imu', 'T_c_i', 'T_cam_body')
-# Kalibr's imu.yaml has the noise of an IMU, and no transformation
-NOISE = 'gyroscope_noise_density'
+#: What Kalibr and EuRoC say of the noise of an IMU: the unit, and the least and the most that any
+#: sensor has, from fibre-optic gyroscopes to cheap ones whose figures were enlarged for a filter.
+NOISE = {
+    'gyroscope_noise_density': ('rad/s/√Hz', 1e-8, 0.1),
+    'gyroscope_random_walk': ('rad/s²/√Hz', 1e-10, 0.01),
+    'accelerometer_noise_density': ('m/s²/√Hz', 1e-6, 1.0),
+    'accelerometer_random_walk': ('m/s³/√Hz', 1e-8, 0.1),
+}
+RATES = dict.fromkeys(('update_rate', 'rate_hz'), ('Hz', 10.0, 20_000.0))
 # OpenCV's own files begin so, which is no YAML
 OPENCV = '%YAML:'
 DIGITS = 1e-3
+# Entries of a matrix that are larger are no lengths in any unit
+LARGEST_ENTRY = 1e6
+# Arms longer than ten times that are in millimetres for certain
 LONGEST_ARM_M, BASELINE_M = 2.0, (0.005, 2.0)
 SIDEWAYS = 0.7
 MISMATCH_M, MISMATCH_DEG = 0.005, 0.5
@@ -41,7 +51,8 @@ class Chain:
     :param said: by name, the key under which the file has it.
     :param between: by name, (4, 4) what maps the camera before it into it, where it is given.
     :param shifts: by name, seconds to be added to the stamps of the camera.
-    :param others: by name, (4, 4) what maps coordinates in another sensor into those of the body.
+    :param given: (4, 4) all transformations as they were written, by sensor and key.
+    :param noise: by name, what is said of the noise of an IMU and of its rate.
     """
 
     source: str
@@ -49,12 +60,21 @@ class Chain:
     said: dict[str, str] = field(default_factory=dict)
     between: dict[str, np.ndarray] = field(default_factory=dict)
     shifts: dict[str, float] = field(default_factory=dict)
-    others: dict[str, np.ndarray] = field(default_factory=dict)
+    given: dict[tuple[str, str], np.ndarray] = field(default_factory=dict)
+    noise: dict[str, dict[str, float]] = field(default_factory=dict)
 
     @property
     def has_imu(self) -> bool:
         """Whether the cameras are given in an IMU; otherwise the first of them is the origin."""
         return '' not in self.said.values()
+
+    @property
+    def arms(self) -> dict[str, float]:
+        """The longest translation that is given of each sensor, where it is too long."""
+        arms: dict[str, float] = {}
+        for (name, _), matrix in self.given.items():
+            arms[name] = max(arms.get(name, 0.0), float(np.linalg.norm(matrix[:3, 3])))
+        return {name: arm for name, arm in arms.items() if arm > LONGEST_ARM_M}
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,7 +117,8 @@ def read_chains(paths: Sequence[Path]) -> list[Chain]:
     :param paths: Kalibr's camchain, camchain-imucam or imu files, EuRoC's ``sensor.yaml`` files,
         or folders of those.
     :raises ReadError: what is not there, or not YAML.
-    :raises ConfigError: what has no transformation, or one that is no 4 x 4 matrix.
+    :raises ConfigError: what has neither a transformation nor the noise of an IMU, a
+        transformation that is no 4 x 4 matrix, a number that is none.
     """
     chains: dict[str, Chain] = {}
     for path in paths:
@@ -110,7 +131,7 @@ def read_chains(paths: Sequence[Path]) -> list[Chain]:
             source = str(file.parent.parent if is_euroc else file)
             sensors = {file.parent.name: content} if is_euroc else _sensors(content)
             chain = chains.setdefault(source, Chain(source))
-            if not sensors and NOISE not in content:
+            if not sensors:
                 raise ConfigError(
                     f'{file}: there is no T_BS, and no sensor with a transformation in it'
                 )
@@ -128,12 +149,12 @@ def check_calibration(chains: Sequence[Chain], inspection: Inspection) -> Calibr
     findings: list[Finding] = []
     sentences: dict[str, list[str]] = {}
     for chain in chains:
-        for name, matrix in (*chain.others.items(), *chain.cameras.items()):
-            findings += _rigid(f'{chain.source}:{name}', matrix)
+        findings += [*_rigid(chain), *_long(chain), *_noise(chain)]
         told = [_direction(chain, name) for name in chain.cameras]
         for first, second in pairwise(chain.cameras):
-            told += _stereo(chain, first, second, findings)
-        told += [*_shifts(chain, findings), *_up(chain, inspection)]
+            if not chain.arms.keys() & {first, second}:
+                told += _stereo(chain, first, second, findings)
+        told += [*_shifts(chain, findings), *_up(chain, inspection), *_said(chain)]
         sentences[chain.source] = told or ['there is no camera in it']
     with_cameras = [chain for chain in chains if chain.cameras]
     for chain in with_cameras[1:]:
@@ -143,11 +164,14 @@ def check_calibration(chains: Sequence[Chain], inspection: Inspection) -> Calibr
 
 def _load(path: Path) -> Section:
     try:
-        text = path.read_text(encoding='utf-8')
+        with path.open(encoding='utf-8') as file:
+            text = file.read(MAX_YAML_BYTES + 1)
     except OSError as error:
         raise ReadError(path, error.strerror or str(error)) from None
     except ValueError as error:
         raise ReadError(path, f'not valid YAML: {error}') from None
+    if len(text) > MAX_YAML_BYTES:
+        raise ReadError(path, 'too large for a calibration')
     if text.startswith(OPENCV):
         text = '\n' + text.partition('\n')[2]
     content = parse_yaml(text, path, lambda line: f'line {line}')
@@ -157,7 +181,9 @@ def _load(path: Path) -> Section:
 
 
 def _sensors(content: Section) -> dict[str, Section]:
-    """Return the sensors in a file of Kalibr's, each of which has a section of its own."""
+    """Return the sensors in a file of Kalibr's: each has a section, but for the only IMU."""
+    if content.keys() & NOISE.keys():
+        return {'imu0': content}
     return {
         name: value
         for name, value in content.items()
@@ -169,16 +195,18 @@ def _take(chain: Chain, name: str, sensor: Section) -> None:
     """Add a sensor to the chain of its file."""
     keys = [key for key in (*FROM_CAMERA, *TO_CAMERA) if key in sensor]
     is_camera = sensor.get('sensor_type', name[:3]) in ('camera', 'cam')
+    wanted = (*keys[:1], 'T_cn_cnm1') if is_camera else ('T_BS', 'T_i_b')
+    given = {key: _matrix(sensor, key) for key in wanted if key in sensor}
+    chain.given.update({(name, key): matrix for key, matrix in given.items()})
     if not is_camera:
-        for key in ('T_BS', 'T_i_b'):
-            if key in sensor:
-                chain.others[name] = _matrix(sensor, key)
+        known = [key for key in (*NOISE, *RATES) if key in sensor]
+        chain.noise[name] = {key: _number(sensor, key) for key in known}
         return
     before = next(reversed(chain.cameras), None)
-    if 'T_cn_cnm1' in sensor and before is not None:
-        chain.between[name] = _matrix(sensor, 'T_cn_cnm1')
+    if 'T_cn_cnm1' in given and before is not None:
+        chain.between[name] = given['T_cn_cnm1']
     if keys:
-        matrix = _matrix(sensor, keys[0])
+        matrix = given[keys[0]]
         chain.cameras[name] = matrix if keys[0] in FROM_CAMERA else _inverse(matrix)
         chain.said[name] = keys[0]
     elif before is not None and name in chain.between:
@@ -193,9 +221,15 @@ def _take(chain: Chain, name: str, sensor: Section) -> None:
         raise sensor.error(
             name, f'{name} has none of {", ".join((*FROM_CAMERA, *TO_CAMERA, "T_cn_cnm1"))}'
         )
-    shift = finite(sensor.get('timeshift_cam_imu'))
-    if math.isfinite(shift):
-        chain.shifts[name] = shift
+    if 'timeshift_cam_imu' in sensor:
+        chain.shifts[name] = _number(sensor, 'timeshift_cam_imu')
+
+
+def _number(sensor: Section, key: str) -> float:
+    number = finite(sensor[key])
+    if math.isnan(number):
+        raise sensor.error(key, f'{key}: a finite number is expected')
+    return number
 
 
 def _matrix(sensor: Section, key: str) -> np.ndarray:
@@ -205,11 +239,14 @@ def _matrix(sensor: Section, key: str) -> np.ndarray:
         value = value.get('data')
     try:
         matrix = np.array(value, np.float64)
-        if matrix.size == 16 and np.isfinite(matrix).all():
+        if matrix.shape in ((4, 4), (16,)) and (np.abs(matrix) < LARGEST_ENTRY).all():
             return matrix.reshape(4, 4)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         pass
-    raise sensor.error(key, f'{key}: a matrix of 4 rows and 4 columns is expected')
+    raise sensor.error(
+        key,
+        f'{key}: a matrix of 4 rows and 4 columns is expected, of numbers below {LARGEST_ENTRY:g}',
+    )
 
 
 def _inverse(matrix: np.ndarray) -> np.ndarray:
@@ -220,26 +257,49 @@ def _inverse(matrix: np.ndarray) -> np.ndarray:
     return inverse
 
 
-def _rigid(where: str, matrix: np.ndarray) -> Iterator[Finding]:
-    """Yield what is wrong with a transformation by itself."""
-    rotation = matrix[:3, :3]
-    off = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
-    determinant = float(np.linalg.det(rotation))
-    if off > DIGITS or determinant < 0 or np.abs(matrix[3] - [0, 0, 0, 1]).max() > DIGITS:
+def _rigid(chain: Chain) -> Iterator[Finding]:
+    """Yield the transformations that are none, as they were written."""
+    for (name, key), matrix in chain.given.items():
+        rotation = matrix[:3, :3]
+        off = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
+        determinant = float(np.linalg.det(rotation))
+        if off > DIGITS or determinant < 0 or np.abs(matrix[3] - [0, 0, 0, 1]).max() > DIGITS:
+            yield Finding(
+                'not_a_rotation', f'{chain.source}:{name}', 'fail',
+                f'the rotation of {key} is off orthonormal by {off:.2g} and has determinant '
+                f'{determinant:.4g}; its last row is {matrix[3].tolist()}',
+                value=off,
+            )  # fmt: skip
+
+
+def _long(chain: Chain) -> Iterator[Finding]:
+    """Yield that translations are too long; one finding, whatever else follows from it."""
+    if chain.arms:
+        longest = max(chain.arms.values())
+        shown = ', '.join(f'{name} {arm:.4g}' for name, arm in chain.arms.items())
         yield Finding(
-            'not_a_rotation', where, 'fail',
-            f'its rotation is off orthonormal by {off:.2g} and has determinant {determinant:.4g}; '
-            f'its last row is {matrix[3].tolist()}',
-            value=off,
+            'lever_arm', f'{chain.source}:{next(iter(chain.arms))}',
+            'fail' if longest > 10 * LONGEST_ARM_M else 'warn',
+            f'translations are longer than {LONGEST_ARM_M:g} m ({shown}): in millimetres?',
+            len(chain.arms), longest, 'm',
         )  # fmt: skip
-    arm = float(np.linalg.norm(matrix[:3, 3]))
-    if arm > LONGEST_ARM_M:
-        yield Finding(
-            'lever_arm', where, 'warn',
-            f'its lever arm is {arm:.4g} m long'
-            + (': millimetres?' if arm > 10 * LONGEST_ARM_M else ''),
-            value=arm, unit='m',
-        )  # fmt: skip
+
+
+def _noise(chain: Chain) -> Iterator[Finding]:
+    """Yield what no IMU has: figures of noise that are not positive, far off or not there."""
+    for name, figures in chain.noise.items():
+        where = f'{chain.source}:{name}'
+        for key, (unit, least, most) in (NOISE | RATES).items():
+            value = figures.get(key, math.nan)
+            if not math.isnan(value) and not least <= value <= most:
+                yield Finding(
+                    'imu_noise', where, 'warn' if value > 0 else 'fail',
+                    f'{key} is {value:g} {unit}; from {least:g} to {most:g} there are',
+                    value=value, unit=unit,
+                )  # fmt: skip
+        lacking = [key for key in NOISE if key not in figures]
+        if len(lacking) < len(NOISE) and lacking:
+            yield Finding('imu_noise', where, 'warn', f'there is no {" and no ".join(lacking)}')
 
 
 def _direction(chain: Chain, name: str) -> str:
@@ -339,11 +399,22 @@ def _shifts(chain: Chain, findings: list[Finding]) -> Iterator[str]:
             )
 
 
+def _said(chain: Chain) -> Iterator[str]:
+    """Yield what is said of the noise of each IMU."""
+    for name, figures in chain.noise.items():
+        if figures:
+            units = {key: unit for key, (unit, _, _) in (NOISE | RATES).items()}
+            shown = (f'{key} {value:g} {units[key]}' for key, value in figures.items())
+            yield f'{name}: {", ".join(shown)}'
+
+
 def _agreement(first: Chain, chain: Chain, findings: list[Finding]) -> Iterator[str]:
     """Yield by how much the cameras of a file differ from those of the first one."""
     ours, theirs = chain.cameras, first.cameras
     if not (chain.has_imu and first.has_imu):
         ours, theirs = _relative(ours), _relative(theirs)
+    if chain.arms or first.arms:
+        return  # in different units there is no more to say
     for name in [name for name in ours if name in theirs]:
         metres, degrees = _apart(theirs[name], ours[name])
         differs = f'differs from {first.source} by {1e3 * metres:.3g} mm and {degrees:.3g} deg'

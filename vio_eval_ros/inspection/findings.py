@@ -56,6 +56,7 @@ CURES = {
     'camera_order': 'exchange the cameras where the estimator wants the left one first',
     'chain_mismatch': 'calibrate again, or find out which file is out of date',
     'timeshift': 'correct the stamps by the offset that was calibrated',
+    'imu_noise': 'give densities in continuous time and SI units, as imu_noise prints them',
 }
 
 #: Those that are good to know and never worse.
