@@ -3,6 +3,7 @@
 from dataclasses import replace
 import json
 import math
+import warnings
 
 import numpy as np
 import pytest
@@ -10,9 +11,13 @@ import pytest
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.trajectory import Trajectory
+from vio_eval_ros.diagnosis.correction import Correction
 from vio_eval_ros.diagnosis.diagnosis import diagnose, NAMES
+from vio_eval_ros.diagnosis.fitting import student
+from vio_eval_ros.diagnosis.geometry import fit_scale
+from vio_eval_ros.diagnosis.run import Run
 from vio_eval_ros.errors import NoPairs
-from vio_eval_ros.simulation import simulate
+from vio_eval_ros.simulation import Drift, simulate
 
 CONFIG = EvaluationConfig()
 FLIGHT = simulate(duration_s=60.0)
@@ -35,6 +40,35 @@ def about(axis: list[float], degrees: float) -> np.ndarray:
 
 def late(seconds: float, poses: Trajectory = ESTIMATE) -> Trajectory:
     return replace(poses, stamps_ns=poses.stamps_ns + round(seconds * 1e9))
+
+
+def test_a_confidence_is_that_of_students_distribution():
+    # two-sided quantiles of 5 degrees of freedom, from printed tables
+    for t, probability in (
+        (0.0, 0.5),
+        (0.920, 0.8),
+        (2.015, 0.95),
+        (2.571, 0.975),
+        (6.869, 0.9995),
+    ):
+        assert student(t) == pytest.approx(probability, abs=2e-4)
+        assert student(-t) == pytest.approx(1 - probability, abs=2e-4)
+    assert student(math.inf) == 1
+
+
+@pytest.mark.parametrize('kind', ['walk', 'noise'])
+def test_the_interval_of_a_scale_holds_though_errors_walk_at_random(kind):
+    held = 0
+    for seed in range(40):
+        source = np.random.default_rng(seed)
+        flight = simulate(duration_s=120.0, seed=seed, drift=Drift(0, 0, 1, 0, 0))
+        errors = source.normal(0, 0.01, flight.estimate.positions.shape)
+        errors = np.cumsum(errors, axis=0) if kind == 'walk' else errors
+        off = replace(flight.estimate, positions=flight.estimate.positions + errors)
+        run = Run(off, flight.ground_truth, CONFIG)
+        scale = fit_scale(run.pairs(Correction(run.middle_ns)))
+        held += abs(scale.value - 1) <= scale.uncertainty
+    assert 34 <= held  # of 40; 38 are due
 
 
 def test_a_healthy_flight_has_nothing_unusual():
@@ -640,3 +674,33 @@ def test_a_drift_of_what_stands_still_is_no_static_truth():
     still = np.tile(ESTIMATE.rotations[:1], (len(ESTIMATE), 1))
     drifting = replace(ESTIMATE, positions=along, rotations=still)
     assert names(diagnose(drifting, resting, CONFIG)) == ['insufficient_motion']
+
+
+def moving(source: np.random.Generator, seconds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return positions and rotations of some motion, or none, during some of the time."""
+    begin, end = np.sort(source.random(2)) * seconds[-1]
+    within = ((seconds >= begin) & (seconds <= end))[:, None] | (source.random() < 0.4)
+    waves = np.sin(seconds[:, None] * source.uniform(0.3, 1.5, 6) + source.uniform(0, 6, 6))
+    places = waves[:, :3] * source.choice([0.0, 1e-6, 1.0, 1e6])
+    turns = waves[:, 3:] * source.choice([0.0, 1e-6, 0.5], 3)
+    return places * within, rotation.from_rotation_vector(turns * within)
+
+
+@pytest.mark.parametrize('seed', range(60))
+def test_no_pair_of_motions_breaks_it(seed):
+    source = np.random.default_rng(seed)
+    count, last_s = int(source.integers(20, 400)), source.choice([2, 10, 60])
+    microseconds = np.sort(source.choice(int(last_s) * 10**6, count, replace=False))
+    stamps_ns = 1_400_000_000_000_000_000 + 1000 * microseconds
+    sides = []
+    for _ in range(2):
+        places, turns = moving(source, microseconds / 1e6)
+        sides.append(Trajectory(stamps_ns, places, turns if source.random() < 0.8 else None))
+    if source.random() < 0.5:
+        factor = source.choice([1.0, 1e-8, 1e8])
+        sides[0] = replace(sides[1], positions=factor * sides[1].positions)
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        found = diagnose(*sides, CONFIG)
+    assert set(names(found)) <= set(NAMES)
+    json.dumps(found.to_dict(), allow_nan=False)

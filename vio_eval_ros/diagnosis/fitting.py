@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import math
 
 import numpy as np
 
@@ -11,12 +12,25 @@ from vio_eval_ros.core.association import nearest
 from vio_eval_ros.core.rotation import lengths
 
 ITERATIONS = 12
-BLOCKS = 12
-# of Student's distribution with as many blocks less one, two-sided
-T_95 = 2.2
+BLOCKS = 6
+# of Student's distribution with as many degrees of freedom as blocks less one, two-sided
+T_95 = 2.571
 TINY = 1e-12
+# a block that alone speaks of a direction does not leave it without any weight
+ALMOST = 1 - 1e-9
 # a noise before any is known: so little that the prior does not matter
 UNKNOWN = 1e-8
+
+
+def student(t: float) -> float:
+    """
+    Return the cumulative distribution of Student's t with BLOCKS - 1 = 5 degrees of freedom.
+
+    Abramowitz and Stegun, Handbook of Mathematical Functions, 26.7.3.
+    """
+    angle = math.atan(t / math.sqrt(BLOCKS - 1))
+    sine, cosine = math.sin(angle), math.cos(angle)
+    return 0.5 + (angle + sine * cosine * (1 + 2 * cosine**2 / 3)) / math.pi
 
 
 def horizon(stamps_ns: np.ndarray, seconds: float) -> tuple[np.ndarray, np.ndarray]:
@@ -111,9 +125,9 @@ def least_squares(
     """
     Return the robust solution x of design x = target.
 
-    Neighbouring rows err alike, so the covariance is taken from how much blocks of rows, one
-    behind the other in time, disagree (the sandwich estimator, clustered). A direction that no
-    row speaks of keeps the uncertainty of the prior.
+    Neighbouring rows err alike, so the covariance is taken from how much the solution changes
+    without each of the blocks of rows, one behind the other in time (the jackknife, clustered). A
+    direction that no row speaks of keeps the uncertainty of the prior.
 
     :param design: (M, D, P).
     :param target: (M, D).
@@ -132,15 +146,15 @@ def least_squares(
         if iterate:
             weights = robust_weights(residuals)
         noise = _noise(residuals, weights)
-    inverse = np.linalg.inv(normal + noise * np.diag(prior**-2))
-    pulls = np.array(
-        [
-            np.einsum('mdp,md->p', weighted[rows], residuals[rows])
-            for rows in np.array_split(np.arange(len(target)), BLOCKS)
-        ]
-    )
-    spread = BLOCKS / (BLOCKS - 1) * pulls.T @ pulls
-    covariance = inverse @ spread @ inverse + noise * inverse
+    # how much the solution changes without each of the blocks
+    changes = []
+    for rows in np.array_split(np.arange(len(target)), BLOCKS):
+        rest = information - ALMOST * np.einsum('mdp,mdq->pq', weighted[rows], design[rows])
+        pull = np.einsum('mdp,md->p', weighted[rows], residuals[rows])
+        changes.append(np.linalg.solve(rest, pull))
+    apart = np.array(changes) - np.mean(changes, axis=0)
+    spread = (BLOCKS - 1) / BLOCKS * apart.T @ apart
+    covariance = spread + noise * np.linalg.inv(information)
     return Fit(values, covariance, weights, residuals)
 
 

@@ -22,8 +22,6 @@ from vio_eval_ros.diagnosis.fitting import (
 
 HORIZON_S = 0.5
 UP = np.array([0.0, 0.0, 1.0])
-# and Student's distribution with one less
-QUARTERS, T_95_QUARTERS = 4, 3.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,6 +35,10 @@ class Estimated:
     def unknown(cls, value: float = 0.0) -> Estimated:
         """Return the parameter that cannot be told, at what is likeliest beforehand."""
         return cls(value, math.inf)
+
+    def over(self, divisor: float) -> Estimated:
+        """Return the parameter over a known number."""
+        return Estimated(self.value / divisor, self.uncertainty / divisor)
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,12 +87,11 @@ def fit_body(pairs: Pairs, turn: np.ndarray) -> Body:
         [truly[..., None], (truly * elapsed[:, None])[..., None], -turned], axis=-1
     )
     fit = least_squares(design, moved, np.array([100.0, 100.0, 1.0, 1.0, 1.0]))
-    scale, lever = float(fit.values[0]), fit.values[2:]
-    relative = abs(scale) * half_s
-    drift = Estimated(float(fit.values[1]) / relative, fit.uncertainty(1) / relative)
-    length = Estimated(
-        float(np.linalg.norm(lever)) / abs(scale), _worst(fit, slice(2, 5)) / abs(scale)
-    )
+    scale, lever = abs(float(fit.values[0])), fit.values[2:]
+    if not scale > 0:
+        return nothing
+    drift = Estimated(float(fit.values[1]), fit.uncertainty(1)).over(scale * half_s)
+    length = Estimated(float(np.linalg.norm(lever)), _worst(fit, slice(2, 5))).over(scale)
     return Body(lever, length, drift)
 
 
@@ -104,31 +105,22 @@ def fit_scale(pairs: Pairs) -> Estimated:
     """
     Return estimated over true length under the similarity that aligns all positions best.
 
-    How uncertain it is, the run without each of its parts in turn tells (the jackknife), and how
-    much its quarters differ.
+    The error of an odometry walks at random: poses err alike over all of a run, but by how much
+    the error changes from pose to pose does not. With true positions g about their mean, the scale
+    is off by Σ cₖ·Δeₖ, where cₖ is the sum of g / Σ|g|² from k on. How much parts of this sum
+    vary tells the uncertainty.
     """
-    if len(pairs) < 2 * BLOCKS:
+    aligned = solve('sim3', Moments.of(pairs), pairs[:1])
+    if len(pairs) < 2 * BLOCKS or not aligned.scale > 0:
         return Estimated.unknown(1.0)
-    aligned = [solve('sim3', moments, pairs[:1]) for moments in _jackknife(pairs)]
-    if not all(one.scale > 0 for one in aligned):
-        return Estimated.unknown(1.0)
-    scales = [math.log(one.scale) for one in aligned]
-    spread = T_95 * math.sqrt((BLOCKS - 1) * float(np.var(scales[1:])))
-    scale = math.exp(-scales[0])
-    return Estimated(scale, scale * max(spread, _scales_apart(pairs)))
-
-
-def _scales_apart(pairs: Pairs) -> float:
-    """
-    Return half the 95 % interval of a mean scale, relative, from how much quarters differ.
-
-    What walks at random errs alike over more than a part of the jackknife.
-    """
-    quarters = [pairs[rows] for rows in np.array_split(np.arange(len(pairs)), QUARTERS)]
-    scales = [solve('sim3', Moments.of(part), part[:1]).scale for part in quarters]
-    if not all(scale > 0 for scale in scales):
-        return math.inf
-    return T_95_QUARTERS * float(np.std(np.log(scales), ddof=1)) / math.sqrt(QUARTERS)
+    truth = pairs.ground_truth.positions
+    errors = aligned.scale * rotation.rotate(aligned.rotation, pairs.estimate.positions) - truth
+    lever = truth - truth.mean(axis=0)
+    behind = np.cumsum(lever[:0:-1], axis=0)[::-1] / np.sum(lever**2)
+    pulls = np.sum(behind * np.diff(errors, axis=0), axis=1)
+    parts = np.array([part.sum() for part in np.array_split(pulls, BLOCKS)])
+    spread = T_95 * math.sqrt(BLOCKS / (BLOCKS - 1) * float(np.sum(parts**2)))
+    return Estimated(1 / aligned.scale, spread / aligned.scale)
 
 
 def _jackknife(pairs: Pairs) -> list[Moments]:

@@ -12,7 +12,7 @@ from vio_eval_ros.diagnosis.clocks import fit_lag, Lag, speed_peak
 from vio_eval_ros.diagnosis.conventions import candidates, find_convention, Finding
 from vio_eval_ros.diagnosis.correction import Correction, IDENTITY
 from vio_eval_ros.diagnosis.correlation import Peak
-from vio_eval_ros.diagnosis.fitting import T_95
+from vio_eval_ros.diagnosis.fitting import student, T_95
 from vio_eval_ros.diagnosis.geometry import Body, fit_body, fit_scale, fit_world, World
 from vio_eval_ros.diagnosis.inputs import interpolated_over_s
 from vio_eval_ros.diagnosis.run import IMPROVEMENT, improvement, Run
@@ -45,6 +45,8 @@ SHORTEST_S = 5.0
 PEAK = 0.6
 #: relative motions that agree no better than this tell nothing
 MISFIT = 0.5
+#: no clock gains or loses more; what seems to is no clock
+MOST_DRIFT = 0.1
 #: a world tilted further was never meant to be upright
 UPRIGHT_DEG = 45.0
 #: by how much a jump must have made the ATE worse, and how many are tried
@@ -104,7 +106,7 @@ class Measurement:
         sigma = self.size_uncertainty / T_95
         if not sigma > 0:
             return 1.0 if self.size > self.healthy else 0.0
-        return 0.5 * (1 + math.erf((self.size - self.healthy) / sigma / math.sqrt(2)))
+        return student((self.size - self.healthy) / sigma)
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,7 +283,7 @@ def _lag(run: Run) -> tuple[Peak, Finding, Lag]:
 
 
 def _clock(run: Run, lag: Lag) -> list[Measurement]:
-    told = lag.misfit < MISFIT
+    told = lag.misfit < MISFIT and abs(lag.drift) < MOST_DRIFT
     uncertainty = (lag.offset_uncertainty_s, lag.drift_uncertainty) if told else 2 * (math.inf,)
     # what a scale or a heading that drifts makes of positions looks like a clock that does
     if not run.turning:
