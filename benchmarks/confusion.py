@@ -31,9 +31,10 @@ import numpy as np
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.trajectory import clean, Cleaning, Trajectory
 from vio_eval_ros.diagnosis.correction import Correction
-from vio_eval_ros.diagnosis.diagnosis import diagnose, Diagnosis
+from vio_eval_ros.diagnosis.diagnosis import diagnose, diagnose_run, Diagnosis
 from vio_eval_ros.diagnosis.run import improvement, Run
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.simulation import simulate, SimulatedRun, write_recording
@@ -121,6 +122,16 @@ def healthy(subject: Subject) -> tuple[Subject, Diagnosis]:
     """Return a run without what is really wrong with it, and the diagnosis of the published."""
     found = diagnose(subject.estimate, subject.truth, EvaluationConfig())
     return replace(subject, estimate=found.corrected), found
+
+
+def as_live(estimate: Trajectory, truth: Trajectory) -> Run:
+    """Return the run as the node has it, which keeps pairs alone."""
+    evaluation = Evaluation(EvaluationConfig())
+    evaluation.add_ground_truth(truth)
+    evaluation.add_estimate(estimate)
+    evaluation.flush()
+    pairs = evaluation.summary().pairs
+    return Run(pairs.estimate, pairs.ground_truth, EvaluationConfig())
 
 
 def matters(before: Subject, after: Trajectory, name: str) -> bool:
@@ -212,13 +223,15 @@ class Counts:
 
     :param matrix: how often each first cause was named, by what was put in.
     :param too_small: faults that do not count, by name.
-    :param both: pairs of faults of which both were named, and all pairs.
+    :param both: whether both of two faults were named.
+    :param alike: whether the first cause is the same from the pairs alone.
     :param recovered: by how much what was measured is off, by its name and unit.
     """
 
     matrix: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
     too_small: Counter[str] = field(default_factory=Counter)
     both: list[bool] = field(default_factory=list)
+    alike: list[bool] = field(default_factory=list)
     recovered: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
     failures: list[str] = field(default_factory=list)
 
@@ -260,6 +273,10 @@ class Counts:
         found = diagnose(harmed, subject.truth, EvaluationConfig())
         named = _named(found)
         self.matrix[harm.name][named[0] if named else 'nothing'] += 1
+        live = _named(diagnose_run(as_live(harmed, subject.truth)))
+        self.alike.append(named[:1] == live[:1])
+        if not self.alike[-1]:
+            self.failures.append(f'{subject.name} {harm.name} {harm.sizes}: {named}, live {live}')
         if not named or named[0] != harm.name:
             about = found.findings.get(harm.name)
             self.failures.append(f'{subject.name} {harm.name} {harm.sizes}: {named} {about}')
@@ -283,6 +300,12 @@ class Counts:
                 sum(self.both),
                 len(self.both),
                 sum(self.both) >= 0.8 * len(self.both),
+            ),
+            (
+                'the same first cause live, from pairs alone: at least 95 %',
+                sum(self.alike),
+                len(self.alike),
+                sum(self.alike) >= 0.95 * len(self.alike),
             ),
         ):
             yield Target(promise, f'{count} of {total} ({100 * count / total:.1f} %)', met)

@@ -21,12 +21,12 @@ import time
 
 os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
 
+from confusion import as_live
 import numpy as np
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.core.evaluation import Evaluation
-from vio_eval_ros.core.trajectory import clean, Cleaning, Pairs, Trajectory
+from vio_eval_ros.core.trajectory import clean, Cleaning, Trajectory
 from vio_eval_ros.diagnosis.diagnosis import diagnose, diagnose_run, Diagnosis
 from vio_eval_ros.diagnosis.run import Run
 from vio_eval_ros.errors import NoPairs
@@ -71,6 +71,7 @@ def main() -> None:
     """Print all tables."""
     simulated()
     motions()
+    intervals()
     if DATA.is_dir():
         beginnings()
         others()
@@ -108,6 +109,27 @@ def motions() -> None:
         for length_s in LENGTHS_S:
             cells.append(counted([diagnose(*moved(kind, seed, length_s, drift), CONFIG)
                                   for seed in SEEDS]))  # fmt: skip
+        print(f'| {kind} | ' + ' | '.join(cells) + ' |')
+
+
+def intervals() -> None:
+    """Print how often 95 % intervals hold: of the scale, and of the offset by positions alone."""
+    print('\n| motion | ' + ' | '.join(f'{length:g} s' for length in LENGTHS_S) + ' |')
+    print('|---|' + '---|' * len(LENGTHS_S))
+    for kind, drift in MOTIONS.items():
+        cells = []
+        for length_s in LENGTHS_S:
+            held: Counter[str] = Counter()
+            for seed in SEEDS:
+                poses, truth = moved(kind, seed, length_s, drift)
+                scale = diagnose(poses, truth, CONFIG).findings['scale']
+                held['scale'] += abs(scale['value'] - drift.scale) <= scale['uncertainty']
+                found = diagnose(poses, replace(truth, rotations=None), CONFIG).findings
+                offset = found['time_offset']
+                held['offset'] += abs(offset['value']) <= offset['uncertainty']
+            cells.append(
+                ', '.join(f'{name} {count} of {len(SEEDS)}' for name, count in held.items())
+            )
         print(f'| {kind} | ' + ' | '.join(cells) + ' |')
 
 
@@ -172,17 +194,17 @@ def counted(found: list[Diagnosis]) -> str:
 
 def beginnings() -> None:
     """Print what is named of the beginnings of runs and not of the whole, from pairs alone."""
-    runs = [pairs_of(*poses_of(*specs)) for specs in published()]
-    whole = [named(pairs) for pairs in runs]
+    runs = [as_live(*poses_of(*specs)) for specs in published()]
+    whole = [named(run) for run in runs]
     print('\n| first | runs | named, and not of the whole |\n|---|---:|---|')
     for seconds in PREFIXES_S:
         more: Counter[str] = Counter()
         count = 0
-        for pairs, known in zip(runs, whole, strict=True):
-            stamps_ns = pairs.estimate.stamps_ns
-            early = pairs[: int(np.searchsorted(stamps_ns, stamps_ns[0] + seconds * 10**9))]
+        for run, known in zip(runs, whole, strict=True):
+            stamps_ns = run.estimate.stamps_ns
+            rows = stamps_ns < stamps_ns[0] + seconds * 10**9
             try:
-                more.update(named(early) - known)
+                more.update(named(run.of(run.estimate[rows], run.truth[rows])) - known)
             except NoPairs:
                 continue
             count += 1
@@ -207,19 +229,9 @@ def poses_of(*specs: str) -> tuple[Trajectory, Trajectory]:
     return estimated, truth
 
 
-def pairs_of(estimate: Trajectory, truth: Trajectory) -> Pairs:
-    """Return what a live evaluation keeps of them."""
-    evaluation = Evaluation(CONFIG)
-    evaluation.add_ground_truth(truth)
-    evaluation.add_estimate(estimate)
-    evaluation.flush()
-    return evaluation.summary().pairs
-
-
-def named(pairs: Pairs) -> set[str]:
-    """Return the causes that are named of pairs."""
-    found = diagnose_run(Run(pairs.estimate, pairs.ground_truth, CONFIG))
-    return {cause.name for cause in found.causes}
+def named(run: Run) -> set[str]:
+    """Return the causes that are named of a run."""
+    return {cause.name for cause in diagnose_run(run).causes}
 
 
 def others() -> None:
@@ -245,8 +257,8 @@ def durations() -> None:
         print(
             f'| {size:,}, {len(run.ground_truth):,} | {best_s(run.estimate, run.ground_truth)} |'
         )
-        pairs = pairs_of(run.estimate, run.ground_truth)
-        print(f'| {size:,}, as many (live) | {best_s(pairs.estimate, pairs.ground_truth)} |')
+        live = as_live(run.estimate, run.ground_truth)
+        print(f'| {size:,}, as many (live) | {best_s(live.estimate, live.truth)} |')
 
 
 def best_s(estimate: Trajectory, truth: Trajectory) -> str:
