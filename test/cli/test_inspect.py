@@ -18,9 +18,10 @@ import pytest
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
-from rosbags.typesys import get_typestore, Stores
+from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 import yaml
 
+from vio_eval_ros.cli import inspect as verb
 from vio_eval_ros.inspection.expectations import PAIR_KEYS, STREAM_KEYS
 from vio_eval_ros.inspection.findings import CURES
 from vio_eval_ros.recordings.bags import Recording
@@ -29,6 +30,7 @@ ROOT = Path(__file__).resolve().parents[2]
 EUROC = ROOT / 'config' / 'euroc.yaml'
 FIRST_NS, SECONDS = 1_403_636_579_763_555_584, 12
 IMAGE, IMU = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/Imu'
+TF = 'tf2_msgs/msg/TFMessage'
 CAMERAS = ('/cam0/image_raw', '/cam1/image_raw')
 Timed = tuple[int, str, str, int, Any]  # recorded, topic, type, stamp, what it holds
 
@@ -84,20 +86,28 @@ def felt(count: int, source: np.random.Generator) -> np.ndarray:
 
 def message_of(types: Any, msgtype: str, stamp_ns: int, content: Any) -> Any:
     time, header = types['builtin_interfaces/msg/Time'], types['std_msgs/msg/Header']
-    head = (time(*divmod(stamp_ns, 10**9)), 'frame')
+    head = (time(*divmod(stamp_ns or 0, 10**9)), 'frame')
     head = header(7, *head) if 'seq' in header.__dataclass_fields__ else header(*head)
     if msgtype == IMAGE:
         return types[IMAGE](head, 3, 4, 'mono8', 0, 4, np.arange(12, dtype=np.uint8))
+    if msgtype == TF:
+        store = types['geometry_msgs/msg/TransformStamped'], types['geometry_msgs/msg/Transform']
+        vector, turn = (types[f'geometry_msgs/msg/{name}'] for name in ('Vector3', 'Quaternion'))
+        still = store[1](vector(0.0, 0.0, 0.0), turn(0.0, 0.0, 0.0, 1.0))
+        return types[TF]([] if stamp_ns is None else [store[0](head, 'child', still)] * 2)
     vector, none = types['geometry_msgs/msg/Vector3'], np.zeros(9)
     level = types['geometry_msgs/msg/Quaternion'](0.0, 0.0, 0.0, 1.0)
-    rates, forces = vector(*content[:3]), vector(*content[3:])
-    return types[IMU](head, level, none, rates, none, forces, none)
+    # a sensor that is not there is NaN here, and in the message zero
+    rates, forces = (vector(*np.nan_to_num(part)) for part in (content[:3], content[3:]))
+    known = [none - bool(np.isnan(part).any()) for part in (content[:3], content[3:])]
+    return types[IMU](head, level, none, rates, known[0], forces, known[1])
 
 
 def record(path: Path, messages: Iterable[Timed], empty: Sequence[tuple[str, str]] = ()) -> Path:
     """Write messages in the order in which they are recorded, as what the name says."""
     ros1 = path.suffix == '.bag'
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
+    store.register(get_types_from_msg('geometry_msgs/TransformStamped[] transforms', TF))
     plugin = StoragePlugin.SQLITE3 if 'sqlite' in path.name else StoragePlugin.MCAP
     writer = Rosbag1Writer(path) if ros1 else Rosbag2Writer(path, version=9, storage_plugin=plugin)
     with writer:
@@ -387,6 +397,9 @@ def test_reports_are_written_and_self_contained(harmed, tmp_path, parsed):
     assert 'silent once, for up to 0.5 s' in content.text
     assert 'at 5.00 s' in content.text
     assert '/cam0/image_raw, /cam1/image_raw: skew 3 ' in content.text
+    assert 'motion                 /imu0: turns' in content.text
+    badges = {word for a, word in content.of('span') if a.get('class', '').startswith('badge')}
+    assert badges == {'fail', 'warn'}
     assert len(content.figures) == 1 + 3
     assert not [a for a, _ in content.of('script') if 'src' in a]
 
@@ -457,6 +470,51 @@ def test_what_cannot_be_inspected_is_told_in_a_line(clean, tmp_path, shared_data
     assert 'write FORMAT:PATH' in complaint(clean, '--report', 'png:a')
     assert '--clip-s' in complaint(clean, '--clip-s', '-1')
     assert '--clip-s' in complaint(clean, '--clip-s', '1e300')
+
+
+@pytest.mark.parametrize(
+    ('option', 'target', 'writable', 'problem'),
+    [
+        ('--report', 'html:{out}', True, 'is a folder; name a file in it'),
+        ('--report', 'json:{out}/no/found.json', True, 'there is no folder'),
+        ('--report', 'json:{out}/found.json', False, 'cannot be written to'),
+        ('--clip', '{out}/clips', False, 'cannot be written to'),
+    ],
+)
+def test_what_cannot_be_written_is_refused_before_reading(
+    option, target, writable, problem, tmp_path, monkeypatch, capsys
+):
+    monkeypatch.setattr(verb, 'read_sensors', lambda *_: pytest.fail('it was read'))
+    monkeypatch.setattr(verb.os, 'access', lambda *_: writable)
+    assert verb.main(['run.mcap', option, target.format(out=tmp_path)]) == 2
+    assert problem in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('name', ['run.bag', 'run'])
+def test_transforms_alone_are_inspected_by_the_stamps_of_the_first(tmp_path, name):
+    messages = [
+        (at, '/tf', TF, stamp_ns, None)
+        for at, topic, _, stamp_ns, _ in flight()
+        if topic == CAMERAS[0] and not 5 < (stamp_ns - FIRST_NS) / 1e9 < 6
+    ]
+    empty = (FIRST_NS + 13 * 10**9, '/tf', TF, None, None)
+    found = document(record(tmp_path / name, [*messages, empty]))
+    (one,) = found['streams']
+    assert one['timing']['rate_hz'] == pytest.approx(20, rel=1e-3)
+    assert one['timing']['first_ns'] == FIRST_NS
+    assert {(f['name'], f['level']) for f in found['findings']} == {
+        ('gap', 'info'),
+        ('unstamped', 'info'),
+    }
+
+
+def test_a_sensor_that_an_imu_says_not_to_have_is_not_dead(tmp_path):
+    gyroscope = [
+        (*m[:4], np.append(m[4][:3], [np.nan] * 3)) if m[1] == '/imu0' else m for m in flight()
+    ]
+    assert inspect(record(tmp_path / 'run', gyroscope), '--fail-on', 'stuck').returncode == 0
+    found = document(tmp_path / 'run')
+    assert [one['level'] for one in found['findings'] if one['level'] != 'info'] == []
 
 
 def test_a_recording_that_ends_early_is_damaged(clean, tmp_path):

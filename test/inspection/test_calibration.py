@@ -135,6 +135,7 @@ def test_a_file_of_noise_alone_is_one_of_kalibrs(tmp_path):
     assert calibration.findings == []
     (told,) = calibration.sentences.values()
     assert told[0].startswith('imu0: gyroscope_noise_density 0.00017 rad/s/√Hz')
+    assert calibration.to_dict()['chains'][0]['imus'] == {'imu0': KALIBR}
 
 
 @pytest.mark.parametrize('key', KALIBR)
@@ -160,7 +161,8 @@ def test_noise_of_which_a_part_lacks_is_named(tmp_path):
 
 @pytest.mark.parametrize('key', ['T_imu_cam', 'T_cam_imu'])
 def test_a_last_row_that_is_none_is_found_whichever_way_it_maps(tmp_path, key):
-    left, right = (m if key == 'T_imu_cam' else np.linalg.inv(m) for m in (LEFT, RIGHT))
+    given = (m.copy() if key == 'T_imu_cam' else np.linalg.inv(m) for m in (LEFT, RIGHT))
+    left, right = given
     right[3] = [0, 0, 0, 2]
     (found,) = checked(written(tmp_path / 'chain.yaml', **stereo(key, left, right))).findings
     assert (found.name, found.level) == ('not_a_rotation', 'fail')

@@ -8,13 +8,14 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from vio_eval_ros.core import rotation
 from vio_eval_ros.core.stream import Stream
 from vio_eval_ros.inspection.documents import json_document, Report, text_document
 from vio_eval_ros.inspection.findings import Finding
 from vio_eval_ros.inspection.html import period_over_time, timeline
-from vio_eval_ros.inspection.inspection import Examined, inspect, Inspection
+from vio_eval_ros.inspection.inspection import inspect, Inspection
 
-IMAGE = 'sensor_msgs/msg/Image'
+IMAGE, IMU = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/Imu'
 FIRST_NS = 1_403_636_579_763_555_584
 Rig = dict[str, Stream]
 
@@ -241,16 +242,28 @@ def test_transport_that_wanders_is_hardly_ever_taken_for_drift(duration_s):
     assert alarms <= 2
 
 
-def test_a_step_of_the_stamps_is_found_at_its_moment(rig):
+@pytest.mark.parametrize('step_s', [0.04, 5.0, 3e7])
+def test_a_step_of_the_stamps_is_found_at_its_moment(rig, step_s):
     stream = rig['imu']
-    stamps_ns = stream.stamps_ns + 40_000_000 * (np.arange(len(stream)) >= 3000)
+    stamps_ns = stream.stamps_ns + int(1e9 * step_s) * (np.arange(len(stream)) >= 3000)
     inspection = inspected(rig, imu=replace(stream, stamps_ns=stamps_ns))
+    # messages went on: none is missing, and there is no gap
+    assert [(one.name, one.level) for one in inspection.findings] == [('clock_step', 'warn')]
     found = the(inspection, 'clock_step')
-    assert found.value == pytest.approx(-0.04, abs=0.003)
+    assert found.value == pytest.approx(-step_s, abs=0.003)
     assert found.moments[0].end_ns == stamps_ns[3000]
-    clocks = next(e.clocks for e in inspection.streams if e.stream.topic == '/imu0')
-    assert np.isnan(clocks.drift_ppm)
-    assert not {'replayed', 'clock_drift'} & {one.name for one in inspection.findings}
+    imu = next(e for e in inspection.streams if e.stream.topic == '/imu0')
+    assert imu.timing.missing == 0
+    assert imu.timing.rate_hz == pytest.approx(200, rel=1e-4)
+    assert np.isnan(imu.clocks.drift_ppm)
+
+
+def test_a_gap_is_one_though_the_stamps_step_elsewhere(rig):
+    stream = without(rig['imu'], *range(1000, 1100))
+    stamps_ns = stream.stamps_ns + 5 * 10**9 * (np.arange(len(stream)) >= 3000)
+    inspection = inspected(rig, imu=replace(stream, stamps_ns=stamps_ns))
+    assert wrong(inspection) == {('clock_step', '/imu0'), ('gap', '/imu0')}
+    assert the(inspection, 'gap').value == pytest.approx(0.505, abs=1e-3)
 
 
 def test_a_step_of_the_clock_is_no_drift(rig):
@@ -427,14 +440,105 @@ def test_a_coarse_imu_is_not_stuck(rig, steps, moves):
     assert wrong(inspected(rig, imu=coarse)) == set()
 
 
-def test_half_an_imu_is_not_judged_by_the_other_half(rig):
+HALVES = {'gyroscope': slice(0, 3), 'accelerometer': slice(3, 6)}
+
+
+@pytest.mark.parametrize('name', HALVES)
+def test_half_an_imu_is_not_judged_by_the_other_half(rig, name):
     numbers = rig['imu'].numbers.copy()
-    numbers[:, 3:] = 0
-    gyroscope = replace(rig['imu'], numbers=numbers)
-    assert wrong(inspected(rig, imu=gyroscope)) == set()
+    numbers[:, HALVES[name]] = 0
+    half = replace(rig['imu'], numbers=numbers)
+    assert wrong(inspected(rig, imu=replace(half, lacks=(name,)))) == set()
+    found = the(inspected(rig, imu=half), 'stuck')
+    assert found.level == 'fail'
+    assert found.message.startswith(f'the {name} is zero throughout')
+
+
+def test_an_imu_with_a_topic_for_each_sensor_is_whole(rig):
+    parts = {}
+    for name, axes in HALVES.items():
+        numbers = rig['imu'].numbers.copy()
+        numbers[:, axes] = 0
+        parts[name] = replace(rig['imu'], topic=f'/without_{name}', numbers=numbers)
+    assert wrong(inspected({k: s for k, s in rig.items() if k != 'imu'}, **parts)) == set()
+    assert ('stuck', '/without_gyroscope') in wrong(inspected(rig, half=parts['gyroscope']))
+
+
+@pytest.mark.parametrize('length', [1, 3])
+@pytest.mark.parametrize(
+    ('axis', 'size', 'level'), [(4, 500.0, 'fail'), (4, -40.0, 'warn'), (0, 50.0, 'fail')]
+)
+def test_spikes_are_found_at_their_moment(rig, axis, size, level, length):
     numbers = rig['imu'].numbers.copy()
-    numbers[:, :3] = 0
-    assert wrong(inspected(rig, imu=replace(gyroscope, numbers=numbers))) == set()
+    for begin in (2000, 5000):
+        numbers[begin : begin + length, axis] = size  # which is no limit either
+    inspection = inspected(rig, imu=replace(rig['imu'], numbers=numbers))
+    assert wrong(inspection) == {('spike', '/imu0')}
+    found = the(inspection, 'spike')
+    assert (found.count, found.level) == (2 * length, level)
+    assert found.value == pytest.approx(abs(size), abs=3)
+    begins = [moment.begin_ns for moment in found.moments]
+    assert begins == [int(rig['imu'].stamps_ns[k]) for k in (2000, 5000)]
+
+
+def test_a_shock_that_rings_is_no_spike(rig):
+    elapsed = np.arange(20) / 200
+    ring = 60 * np.exp(-elapsed / 0.02) * np.cos(2 * np.pi * 40 * elapsed)
+    numbers = rig['imu'].numbers.copy()
+    numbers[3000:3020, 3:] += np.outer(ring, [0.5, 0.2, 1])
+    assert wrong(inspected(rig, imu=replace(rig['imu'], numbers=numbers))) == set()
+
+
+def held(seed: int, fastest_rad_s: float = 0.1) -> Stream:
+    """Return an IMU that is turned and moved by hand: both of its sensors are in one motion."""
+    source, elapsed = np.random.default_rng(seed), np.arange(0, 60, 0.01)
+    waves = [
+        np.sin(
+            2 * np.pi * np.outer(elapsed, source.uniform(low, high, 3)) + source.uniform(0, 6, 3)
+        )
+        for low, high in ((0.05, 0.2), (0.3, 0.9))
+    ]
+    rates, accelerations = fastest_rad_s * waves[0], 0.5 * waves[1]
+    attitude = [np.array([0.0, 0.0, 0.0, 1.0])]
+    for step in rotation.from_rotation_vector(rates / 100)[:-1]:
+        attitude.append(rotation.multiply(attitude[-1], step))
+    forces = rotation.rotate(
+        rotation.conjugate(np.array(attitude)), accelerations + np.array([0, 0, 9.81])
+    )
+    numbers = np.hstack([rates, forces])
+    numbers += source.normal(0, [0.003] * 3 + [0.03] * 3, numbers.shape)
+    stamps_ns = FIRST_NS + np.arange(len(elapsed)) * 10_000_000
+    return Stream('/imu0', IMU, 'imu', stamps_ns + 4_000_000, stamps_ns, {}, numbers)
+
+
+@pytest.mark.parametrize('seed', range(5))
+def test_rates_in_degrees_are_told_from_how_gravity_turns(seed):
+    imu = held(seed)
+    assert wrong(inspect([imu])) == set()
+    degrees = imu.numbers * np.repeat([np.degrees(1), 1], 3)
+    # so slow that no rate looks odd by itself
+    assert np.median(np.linalg.norm(degrees[:, :3], axis=1)) < 10
+    found = the(inspect([replace(imu, numbers=degrees)]), 'units')
+    assert 'gravity turns 57 times slower' in found.message
+    fast = held(seed, 1.0)
+    fast = replace(fast, numbers=fast.numbers * np.repeat([np.degrees(1), 1], 3))
+    assert 'half of the time' in the(inspect([fast]), 'units').message  # and is told once
+    bias = replace(imu, numbers=imu.numbers + np.repeat([0.3, 0], 3))
+    assert 'units' not in {name for name, _ in wrong(inspect([bias]))}
+
+
+@pytest.mark.parametrize('axis', [0, 1])
+@pytest.mark.parametrize('seed', range(3))
+def test_a_step_of_the_bias_is_found(seed, axis):
+    imu = held(seed)
+    numbers = imu.numbers.copy()
+    numbers[3200:, axis] += 0.1
+    found = the(inspect([replace(imu, numbers=numbers)]), 'bias_step')
+    assert found.value == pytest.approx(0.1, rel=0.3)
+    assert abs(found.moments[0].begin_ns - imu.stamps_ns[3200]) < 5e9
+    # a scale that is off, or a bias that never was zero, is no step
+    numbers = imu.numbers * np.repeat([1.02, 1], 3) + np.repeat([0.05, 0], 3)
+    assert wrong(inspect([replace(imu, numbers=numbers)])) == set()
 
 
 def test_turning_gravity_is_no_acceleration(rig):
@@ -563,6 +667,17 @@ def test_implausible_poses_are_found(rig):
     assert wrong(inspected(rig, pose=replace(pose, numbers=nan))) == {('not_finite', pose.topic)}
 
 
+def test_one_of_something_is_told_as_one(rig):
+    nan = rig['imu'].numbers.copy()
+    nan[7] = np.nan
+    inspection = inspected(rig, imu=replace(rig['imu'], numbers=nan))
+    assert the(inspection, 'not_finite').message == '1 sample is not finite'
+    long = rig['pose'].numbers.copy()
+    long[9, 3:] *= 2
+    inspection = inspected(rig, pose=replace(rig['pose'], numbers=long))
+    assert the(inspection, 'quaternion_norm').message.startswith('1 quaternion is not of length 1')
+
+
 def test_headers_are_checked(rig):
     named = replace(rig['cam0'], frames={'cam0': 599, 'camera': 1})
     assert wrong(inspected(rig, cam0=named)) == {('frame_ids', '/cam0/image_raw')}
@@ -596,6 +711,15 @@ def test_a_topic_without_messages_is_silent(rig, name, level):
     assert (found.topic, found.level) == (rig[name].topic, level)
     shown = text_document(Report('run', inspection))
     assert [line for line in shown.splitlines() if rig[name].topic in line.split()[1:2]]
+
+
+def test_nothing_is_worse_than_info_in_what_no_estimator_takes(rig):
+    drift = (rig['imu'].stamps_ns - rig['imu'].stamps_ns[0]) // 10**4
+    late = replace(rig['imu'], logged_ns=rig['imu'].logged_ns + drift, numbers=None)
+    late = replace(late, topic='/tf', kind='other')
+    latched = replace(kept(late, np.arange(1)), topic='/tf_static')
+    found = inspected(rig, tf=late, latched=latched).findings
+    assert [(one.name, one.level, one.topic) for one in found] == [('clock_drift', 'info', '/tf')]
 
 
 def test_what_was_left_out_is_told(rig):
@@ -633,9 +757,16 @@ def test_no_stamps_and_no_numbers_are_too_strange(times, seed):
     report = Report('odd', inspect(streams))
     assert json.loads(json_document(report))['schema'] == 'vio_eval_ros.inspection/1'
     assert all(topic in text_document(report) for topic in TYPES)
-    figures = [timeline(report), *map(period_over_time, filter(has_periods, report.streams()))]
+    figures = [timeline(report)]
+    figures += [period_over_time(e, 0) for e in report.streams() if len(e.timing.periods_s)]
     json.dumps(figures, allow_nan=False)
 
 
-def has_periods(one: Examined) -> bool:
-    return len(one.timing.periods_s) > 0
+def test_all_plots_begin_where_the_recording_does(rig):
+    late = kept(rig['imu'], np.arange(2000, len(rig['imu'])))
+    report = Report('run', inspected(rig, imu=without(late, *range(1000, 1100))))
+    imu = next(e for e in report.streams() if e.stream is late or e.stream.kind == 'imu')
+    holes = timeline(report)['data'][1]
+    regular, beyond = period_over_time(imu, report.inspection.begin_ns)['data']
+    assert regular['x'][0] == pytest.approx(10, abs=0.1)
+    assert beyond['x'] == pytest.approx([holes['base'][0] + holes['x'][0]], abs=1e-3)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Sequence
 from functools import partial
+import os
 from pathlib import Path
 import re
 
@@ -108,6 +109,7 @@ def _run(arguments: argparse.Namespace) -> int:
         inputs.append(arguments.expect)
         expected = Expectations.load(arguments.expect)
     check_targets(targets, inputs)
+    _check_reports(targets)
     if arguments.clip is not None:
         _check_clips(arguments.clip, arguments.recording)
     chains = read_chains(arguments.calibration)
@@ -129,6 +131,19 @@ def _run(arguments: argparse.Namespace) -> int:
     return FAILED if failed(report, failing) else PASSED
 
 
+def _check_reports(targets: Sequence[Target]) -> None:
+    """Raise ``ConfigError`` where reports cannot be, before a long recording is read."""
+    for target in targets:
+        if target.path.is_dir():
+            raise ConfigError(f'{target.format}:{target.path} is a folder; name a file in it')
+        _check_writable(target.path.resolve().parent)
+
+
+def _check_writable(folder: Path) -> None:
+    if not os.access(folder, os.W_OK | os.X_OK):
+        raise ConfigError(f'the folder {folder} cannot be written to')
+
+
 def _check_clips(folder: Path, recording: Path) -> None:
     """Raise ``ConfigError`` where clips cannot be, before a long recording is read."""
     if not folder.parent.is_dir():
@@ -137,6 +152,7 @@ def _check_clips(folder: Path, recording: Path) -> None:
         raise ConfigError(f'--clip: {folder} is no folder')
     if recording.resolve() in (folder.resolve(), *folder.resolve().parents):
         raise ConfigError(f'--clip: {folder} is in the recording')
+    _check_writable(folder if folder.exists() else folder.parent)
 
 
 def _clipped(arguments: argparse.Namespace, findings: Sequence[Finding]) -> bool:

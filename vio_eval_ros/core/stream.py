@@ -38,6 +38,8 @@ class Stream:
     :param frames: how many messages name each frame.
     :param numbers: (N, 6) of an IMU, rad/s and m/s²; (N, 3) or (N, 7) of poses, x y z in metres
         and quaternions x y z w; None of others.
+    :param lacks: which of ``gyroscope`` and ``accelerometer`` an IMU says that it does not have;
+        its numbers are zero.
     """
 
     topic: str
@@ -47,6 +49,7 @@ class Stream:
     stamps_ns: np.ndarray | None
     frames: Mapping[str, int]
     numbers: np.ndarray | None = None
+    lacks: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         return len(self.times_ns)

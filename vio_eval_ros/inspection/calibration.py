@@ -103,6 +103,7 @@ class Calibration:
                         }
                         for name, matrix in chain.cameras.items()
                     },
+                    'imus': chain.noise,
                 }
                 for chain in self.chains
             ],
@@ -320,83 +321,57 @@ def _direction(chain: Chain, name: str) -> str:
 
 def _stereo(chain: Chain, first: str, second: str, findings: list[Finding]) -> Iterator[str]:
     """Yield how two cameras stand to each other."""
-    a, b = chain.cameras[first], chain.cameras[second]
-    relative = _inverse(a) @ b
+    where = f'{chain.source}:{second}'
+    relative = _inverse(chain.cameras[first]) @ chain.cameras[second]
     place = relative[:3, 3]
     baseline = float(np.linalg.norm(place))
-    where = f'{chain.source}:{second}'
     if not BASELINE_M[0] <= baseline <= BASELINE_M[1]:
-        findings.append(
-            Finding(
-                'baseline',
-                where,
-                'warn',
-                f'its baseline to {first} is {baseline:.4g} m',
-                value=baseline,
-                unit='m',
-            )
-        )
-    side = f'{angle_deg(relative[:3, :3]):.2f} deg turned'
+        message = f'its baseline to {first} is {baseline:.4g} m'
+        findings.append(Finding('baseline', where, 'warn', message, value=baseline, unit='m'))
     axis = int(np.argmax(np.abs(place)))
     along = '+-'[int(place[axis] < 0)] + 'xyz'[axis]
-    yield (f'{second} is {1e3 * baseline:.2f} mm from {first}, along {along} of {first}, {side}')
+    yield (
+        f'{second} is {1e3 * baseline:.2f} mm from {first}, along {along} of {first}, '
+        f'{angle_deg(relative[:3, :3]):.2f} deg turned'
+    )
     # as if both were given the other way round
-    inverse = (a @ _inverse(b))[:3, 3]
+    inverse = (chain.cameras[first] @ _inverse(chain.cameras[second]))[:3, 3]
     is_sideways = abs(place[0]) >= SIDEWAYS * baseline
     faces_alike = relative[2, 2] > SIDEWAYS
     if not is_sideways and abs(inverse[0]) >= SIDEWAYS * np.linalg.norm(inverse):
-        findings.append(
-            Finding(
-                'direction',
-                where,
-                'warn',
-                f'{second} is not beside {first}, but would be if {chain.said[second]} were the '
-                'inverse of what its name says',
-            )
+        message = (
+            f'{second} is not beside {first}, but would be if {chain.said[second]} were the '
+            'inverse of what its name says'
         )
+        findings.append(Finding('direction', where, 'warn', message))
     elif is_sideways and faces_alike and place[0] < 0:
-        findings.append(
-            Finding(
-                'camera_order',
-                where,
-                'warn',
-                f'{first} is the right camera, {second} the left',
-                value=float(place[0]),
-                unit='m',
-            )
-        )
+        message = f'{first} is the right camera, {second} the left'
+        offset = float(place[0])
+        findings.append(Finding('camera_order', where, 'warn', message, value=offset, unit='m'))
     elif is_sideways and faces_alike:
         yield f'{first} is the left camera, {second} the right'
+    findings += _between(chain, second, relative)
+
+
+def _between(chain: Chain, second: str, relative: np.ndarray) -> Iterator[Finding]:
+    """Yield that a camera is given twice, and not alike."""
     if second in chain.between and chain.said[second] != 'T_cn_cnm1':
-        apart = _apart(_inverse(chain.between[second]), relative)
-        if apart[0] > MISMATCH_M or apart[1] > MISMATCH_DEG:
-            findings.append(
-                Finding(
-                    'chain_mismatch',
-                    where,
-                    'warn',
-                    f'T_cn_cnm1 and {chain.said[second]} disagree by {1e3 * apart[0]:.3g} mm and '
-                    f'{apart[1]:.3g} deg',
-                    value=apart[0],
-                    unit='m',
-                )
-            )
+        metres, degrees = _apart(_inverse(chain.between[second]), relative)
+        if metres > MISMATCH_M or degrees > MISMATCH_DEG:
+            yield Finding(
+                'chain_mismatch', f'{chain.source}:{second}', 'warn',
+                f'T_cn_cnm1 and {chain.said[second]} disagree by {1e3 * metres:.3g} mm and '
+                f'{degrees:.3g} deg',
+                value=metres, unit='m',
+            )  # fmt: skip
 
 
 def _shifts(chain: Chain, findings: list[Finding]) -> Iterator[str]:
     for name, shift in chain.shifts.items():
-        yield (f"{1e3 * shift:+.3f} ms added to the stamps of {name} make them the IMU's")
+        yield f"{1e3 * shift:+.3f} ms added to the stamps of {name} make them the IMU's"
         if abs(shift) > LARGEST_SHIFT_S:
-            findings.append(
-                Finding(
-                    'timeshift',
-                    f'{chain.source}:{name}',
-                    'warn',
-                    f'{shift:.3g} s between camera and IMU',
-                    value=shift,
-                    unit='s',
-                )
-            )
+            where, message = f'{chain.source}:{name}', f'{shift:.3g} s between camera and IMU'
+            findings.append(Finding('timeshift', where, 'warn', message, value=shift, unit='s'))
 
 
 def _said(chain: Chain) -> Iterator[str]:

@@ -95,19 +95,21 @@ def clocks(stream: Stream) -> tuple[Clocks | None, list[Finding]]:
         np.array([np.median(latencies[a:b]) for a, b in windows]),
     )
     line = min(envelope, middle, key=lambda one: one.uncertainty)
+    stepped = [] if line.is_straight else list(_step(stream, order, lowest, latencies))
+    offset = envelope.height
+    if stepped:  # what it was until then
+        is_before = stream.stamps_ns[order] <= stepped[0].moments[0].begin_ns
+        offset = float(latencies[is_before].min())
     found = Clocks(
         median,
         p99,
-        base_s + envelope.height,
+        base_s + offset,
         1e6 * line.slope if line.is_straight else math.nan,
         1e6 * line.uncertainty if line.is_straight else math.nan,
         spread(latencies - line.slope * line.is_straight * x),
         line.is_straight,
     )
-    findings = list(_findings(stream, found))
-    if not line.is_straight:
-        findings += _step(stream, order, lowest, latencies)
-    return found, findings
+    return found, [*_findings(stream, found), *stepped]
 
 
 def fit(x: np.ndarray, y: np.ndarray) -> Line:

@@ -36,8 +36,10 @@ CURES = {
     # inertial
     'saturation': 'choose a larger range of the IMU, or move less',
     'stuck': 'look into the driver: it repeats samples where new ones are missing',
+    'spike': 'look into the driver, its bus and its cable; leave such samples out',
     'not_finite': 'look into the driver',
     'units': 'convert to rad/s and m/s2, as sensor_msgs/Imu wants it',
+    'bias_step': 'restart the estimator there; look into the supply and the heat of the IMU',
     'gravity': 'calibrate the scale of the accelerometer, or correct its unit',
     'low_excitation': 'begin with rotation about two axes and with accelerations',
     'no_still_time': 'stand still for a second, for estimators that initialise at rest',
@@ -49,7 +51,7 @@ CURES = {
     # frames
     'frame_ids': 'look for two publishers of the topic',
     # calibration
-    'not_a_rotation': 'give the rotation with more digits; no scale, no reflection',
+    'not_a_rotation': 'give all digits, no scale, no reflection, and 0 0 0 1 as the last row',
     'direction': 'invert the transformation, or name it for what it maps',
     'lever_arm': 'give translations in metres',
     'baseline': 'give translations in metres',
@@ -103,6 +105,11 @@ class Finding:
                 {'begin_ns': moment.begin_ns, 'end_ns': moment.end_ns} for moment in self.moments
             ],
         }
+
+
+def are(count: int, noun: str) -> str:
+    """Return the beginning of a sentence: 1 sample is, 2 samples are."""
+    return f'{count} {noun} is' if count == 1 else f'{count} {noun}s are'
 
 
 def worst_first(findings: list[Finding]) -> list[Finding]:

@@ -25,7 +25,6 @@ TOP_PERIODS = 4.0
 MOST_LETTERS = 26
 PIXELS_A_LETTER = 7
 COLOURS = {'fail': RED, 'warn': AMBER, 'info': GREY}
-VERDICT = {'fail': 'fail', 'warn': 'warning', 'pass': 'pass', 'info': 'info'}
 
 
 def html_document(report: Report) -> str:
@@ -39,7 +38,7 @@ def html_document(report: Report) -> str:
         tag(
             'header',
             tag('div', tag('h1', report.source), tag('p', _summary(report), class_='soft')),
-            badge(word, VERDICT[word]),
+            badge(word, word),
         ),
         tag('h2', 'Timeline'),
         tag('p', *_legend(), class_='soft'),
@@ -59,7 +58,7 @@ def html_document(report: Report) -> str:
         ),
         tag('ul', *(tag('li', fact) for fact in facts(report.inspection))),
         *_calibrated(report),
-        *_periods(streams),
+        *_periods(streams, report.inspection.begin_ns),
     )
 
 
@@ -78,7 +77,7 @@ def _legend() -> list[object]:
     return [
         'When each topic was recorded. ',
         swatch(BLUE), 'messages', swatch(GREY), 'none that should be there',
-        swatch(RED), 'fail', swatch(AMBER), 'warning',
+        swatch(RED), 'fail', swatch(AMBER), 'warn',
     ]  # fmt: skip
 
 
@@ -87,7 +86,7 @@ def _findings(report: Report) -> Html:
         return tag('p', 'Nothing is wrong with the streams.')
     rows = [
         [
-            badge(one.level, VERDICT[one.level]),
+            badge(one.level, one.level),
             joined(
                 [
                     tag('b', one.name, style='white-space:nowrap;font-weight:600'),
@@ -114,7 +113,7 @@ def _expected(report: Report) -> list[Html]:
         return []
     rows = [
         [
-            badge(one.word, VERDICT[one.word]),
+            badge(one.word, one.word),
             joined([tag('b', one.stream), tag('div', one.check, class_='soft')]),
             one.message,
         ]
@@ -245,7 +244,7 @@ def _marks(
     }
 
 
-def _periods(streams: Sequence[Examined]) -> list[Html]:
+def _periods(streams: Sequence[Examined], origin_ns: int) -> list[Html]:
     """Return the period of each stamped stream over time."""
     drawn = [
         one for one in streams if one.stream.stamps_ns is not None and len(one.timing.periods_s)
@@ -262,7 +261,12 @@ def _periods(streams: Sequence[Examined]) -> list[Html]:
         tag(
             'div',
             *(
-                plot(period_over_time(one), 240, f'periods of {one.stream.topic}', _titled(one))
+                plot(
+                    period_over_time(one, origin_ns),
+                    240,
+                    f'periods of {one.stream.topic}',
+                    _titled(one),
+                )
                 for one in drawn
             ),
             class_='plots',
@@ -274,9 +278,14 @@ def _titled(one: Examined) -> str:
     return f'{one.stream.topic}, {number(1e3 * one.timing.period_s)} ms in the median'
 
 
-def period_over_time(one: Examined) -> Figure:
-    """Return the periods of a stream, thinned to their outline; those far too long at the top."""
-    times, usual = one.timing.times_s, 1e3 * one.timing.period_s
+def period_over_time(one: Examined, origin_ns: int) -> Figure:
+    """
+    Return the periods of a stream, thinned to their outline; those far too long at the top.
+
+    :param origin_ns: when the first message of the recording was recorded, where time begins.
+    """
+    times = _recorded(one, one.timing.times_s, origin_ns)
+    usual = 1e3 * one.timing.period_s
     periods = 1e3 * one.timing.periods_s
     top = TOP_PERIODS * usual
     within, beyond = periods <= top, np.flatnonzero(periods > top)[:MOST_MARKS]
@@ -290,7 +299,7 @@ def period_over_time(one: Examined) -> Figure:
             ),
         ],
         'layout': layout(
-            xaxis=axis('time [s]'),
+            xaxis=axis('seconds of the recording'),
             yaxis=axis('period [ms]', range=_range(periods[within], usual, top, len(beyond) > 0)),
         ),
     }  # fmt: skip

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 import math
 
@@ -12,6 +12,7 @@ from vio_eval_ros.core.stream import Stream
 from vio_eval_ros.inspection.cameras import Pair, pairs
 from vio_eval_ros.inspection.clocks import Clocks, clocks, REPLAYED_PPM
 from vio_eval_ros.inspection.findings import Finding, worst_first
+from vio_eval_ros.inspection.glitches import measures
 from vio_eval_ros.inspection.inertial import Inertial, inertial
 from vio_eval_ros.inspection.motion import Motion, motion
 from vio_eval_ros.inspection.timing import Timing, timing
@@ -75,7 +76,7 @@ def inspect(streams: Sequence[Stream], left_out: Sequence[str] = ()) -> Inspecti
     examined = []
     silent = sorted((one for one in streams if not len(one)), key=lambda one: one.topic)
     findings += map(_silent, silent)
-    for stream in sorted((one for one in streams if len(one)), key=lambda one: one.topic):
+    for stream in sorted(_parts(one for one in streams if len(one)), key=lambda one: one.topic):
         one, found = _examine(stream)
         examined.append(one)
         findings += found
@@ -93,12 +94,26 @@ def _silent(stream: Stream) -> Finding:
     return Finding('silent', stream.topic, level, 'the topic was recorded, but has no messages', 0)
 
 
+def _parts(streams: Iterable[Stream]) -> list[Stream]:
+    """Return the streams; where IMUs have a topic for each of their sensors, these lack others."""
+    known = list(streams)
+    zero = {
+        stream.topic: tuple(name for name, has in measures(stream).items() if not has)
+        for stream in known
+        if stream.kind == 'imu'
+    }
+    if not {('gyroscope',), ('accelerometer',)} <= set(zero.values()):
+        return known
+    return [replace(one, lacks=zero.get(one.topic, ())) for one in known]
+
+
 def _examine(stream: Stream) -> tuple[Examined, list[Finding]]:
     """Return the figures of a stream, and what is wrong with it alone."""
     findings = list(_headers(stream))
     stream = stream.stamped()
-    figures, found = timing(stream)
     compared, drifting = clocks(stream)
+    steps = [f.moments[0] for f in drifting if f.name == 'clock_step' and f.level == 'warn']
+    figures, found = timing(stream, *steps)
     findings += found + drifting
     felt, moved = None, None
     if stream.stamps_ns is not None and stream.kind == 'imu':
@@ -107,6 +122,8 @@ def _examine(stream: Stream) -> tuple[Examined, list[Finding]]:
     elif stream.stamps_ns is not None and stream.kind == 'pose':
         moved, found = motion(stream, figures)
         findings += found
+    if stream.kind == 'other':  # no estimator takes it
+        findings = [replace(one, level='info') for one in findings]
     return Examined(stream, figures, compared, felt, moved), findings
 
 
@@ -161,6 +178,8 @@ def _spans(examined: Sequence[Examined]) -> Iterator[Finding]:
     begin = min(int(e.stream.arrivals_ns.min()) for e in sensors)
     end = max(int(e.stream.arrivals_ns.max()) for e in sensors)
     for e in known:
+        if e.stream.kind == 'other' and not e.is_timed:
+            continue  # one that is latched
         arrivals = e.stream.arrivals_ns
         first_ns, last_ns = int(arrivals.min()), int(arrivals.max())
         limit = LATE_S
@@ -232,7 +251,7 @@ def _rates(sensors: Sequence[Examined]) -> tuple[float, list[Finding]]:
     return least, [
         Finding(
             'imu_rate', imu.stream.topic, 'warn',
-            f'{imu.timing.rate_hz:.4g} Hz are only {least:.3g} samples a frame of '
+            f'{imu.timing.rate_hz:.4g} Hz are only {least:.3g} times the rate of '
             f'{camera.stream.topic}; most estimators want {SAMPLES_A_FRAME:.0f} and more',
             value=least, unit='ratio',
         )

@@ -11,7 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.stream import runs, spread, Stream
-from vio_eval_ros.inspection.findings import Finding
+from vio_eval_ros.inspection.findings import are, Finding
 from vio_eval_ros.inspection.timing import Timing
 
 FROZEN_POSES = 5
@@ -107,7 +107,7 @@ def _numbers(stream: Stream, is_good: np.ndarray) -> Iterator[Finding]:
     if not is_good.all():
         which = np.flatnonzero(~is_good)
         yield Finding(
-            'not_finite', stream.topic, 'warn', f'{len(which)} poses are not finite numbers',
+            'not_finite', stream.topic, 'warn', f'{are(len(which), "pose")} not finite',
             len(which), moments=stream.moments(which, which),
         )  # fmt: skip
     if numbers.shape[1] == 7:
@@ -116,8 +116,7 @@ def _numbers(stream: Stream, is_good: np.ndarray) -> Iterator[Finding]:
         if len(which):
             yield Finding(
                 'quaternion_norm', stream.topic, 'warn',
-                f'{len(which)} quaternions have another length than 1, by up to '
-                f'{off.max():.3g}',
+                f'{are(len(which), "quaternion")} not of length 1, by up to {off.max():.3g}',
                 len(which), float(off.max()), '', stream.moments(which, which),
             )  # fmt: skip
 
@@ -129,14 +128,10 @@ def _jump(
         largest = float(steps[jumps].max())
         yield Finding(
             'jump', stream.topic, 'warn',
-            f'{_steps(len(jumps))} far faster than the motion around, the largest of '
+            f'{are(len(jumps), "step")} far faster than the motion around, the largest of '
             f'{largest:.3g} {unit}',
             len(jumps), largest, unit, stream.moments(order[jumps], order[jumps + 1]),
         )  # fmt: skip
-
-
-def _steps(count: int) -> str:
-    return '1 step is' if count == 1 else f'{count} steps are'
 
 
 def _frozen_finding(

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from vio_eval_ros.core.stream import lower_median, Moment, spread, Stream
-from vio_eval_ros.inspection.findings import Finding
+from vio_eval_ros.inspection.findings import are, Finding
 
 # An interval that is longer than a period by this much of it misses a message ...
 MISSING = 0.5
@@ -70,8 +70,12 @@ class Timing:
         return (self.last_ns - self.first_ns) / 1e9
 
 
-def timing(stream: Stream) -> tuple[Timing, list[Finding]]:
-    """Return the figures of a stream, and what is wrong with its stamps."""
+def timing(stream: Stream, step: Moment | None = None) -> tuple[Timing, list[Finding]]:
+    """
+    Return the figures of a stream, and what is wrong with its stamps.
+
+    :param step: between which stamps their clock was set while messages went on.
+    """
     times = stream.times_ns
     order = np.argsort(times, kind='stable')
     order = order[np.concatenate([[True], np.diff(times[order]) > 0])]
@@ -89,6 +93,8 @@ def timing(stream: Stream) -> tuple[Timing, list[Finding]]:
         return figures, list(_order(stream, figures, backward))
     periods = np.diff(distinct) / 1e9
     period, has_one = _period(periods)
+    if step is not None:  # this is how long it was
+        periods[np.searchsorted(distinct, step.end_ns) - 1] = period
     alike = float(np.mean(np.abs(periods - period) < ALIKE * period))
     is_regular = alike >= NEARLY_ALL
     is_long = periods >= max(GAP_PERIODS * period, GAP_S)
@@ -97,7 +103,7 @@ def timing(stream: Stream) -> tuple[Timing, list[Finding]]:
     whole |= not (stream.is_sensor or is_regular) or stream.stamps_ns is None
     numbers = np.where(whole, 1, np.maximum(2, np.rint(periods / period)))
     deviations = np.abs(periods[whole] - period)
-    rate, uncertainty = _rate(distinct, numbers)
+    rate, uncertainty = _rate(periods, numbers)
     is_gap = ~whole & is_long
     median, p99 = np.quantile(deviations, [0.5, 0.99])
     figures = Timing(
@@ -147,11 +153,11 @@ def _longest(periods: np.ndarray, period: float) -> float:
     return period + max(MISSING * period, slack)
 
 
-def _rate(distinct: np.ndarray, numbers: np.ndarray) -> tuple[float, float]:
+def _rate(periods: np.ndarray, numbers: np.ndarray) -> tuple[float, float]:
     """Return the rate [Hz] and its standard deviation, by least squares on the own clock."""
     index = np.concatenate([[0.0], np.cumsum(numbers)])
     index -= index.mean()
-    seconds = (distinct - distinct[0]) / 1e9
+    seconds = np.concatenate([[0.0], np.cumsum(periods)])
     square = float(index @ index)
     period = float(index @ seconds) / square
     rest = seconds - seconds.mean() - period * index
@@ -167,7 +173,7 @@ def _order(stream: Stream, figures: Timing, backward: np.ndarray) -> Iterator[Fi
         level = {'other': 'info', 'pose': 'warn'}.get(stream.kind, 'fail')
         yield Finding(
             'out_of_order', stream.topic, level,
-            f'{_are(figures.backward)} stamped earlier than the one before, by up to '
+            f'{are(figures.backward, "message")} stamped earlier than the one before, by up to '
             f'{1e3 * steps.max():.3g} ms',
             figures.backward, float(steps.max()), 's', stream.moments(backward - 1, backward),
         )  # fmt: skip
@@ -199,7 +205,7 @@ def _lost(
         return
     found, missing = np.flatnonzero(which), int(np.sum(numbers[which] - 1))
     longest = float(figures.periods_s[which].max())
-    lost = f'{_are(missing)} missing'
+    lost = f'{are(missing, "message")} missing'
     if name == 'gap':
         times = 'once' if len(found) == 1 else f'{len(found)} times'
         message = f'silent {times}, for up to {longest:.3g} s; {lost}'
@@ -220,10 +226,6 @@ def _level(stream: Stream, figures: Timing) -> str:
     """Return how bad it is where a stream is not as regular as it is otherwise."""
     is_due = stream.is_sensor or (stream.kind == 'pose' and figures.is_regular)
     return 'warn' if is_due else 'info'
-
-
-def _are(count: int) -> str:
-    return f'{count} message is' if count == 1 else f'{count} messages are'
 
 
 def _jitter(

@@ -1,8 +1,9 @@
 """
 The streams of a recording as columns, in memory that grows with messages but not with images.
 
-Of each message only its header is kept, as it stands in the raw bytes; of inertial sensors and
-poses the numbers, too. EuRoC's folders are read without opening an image.
+Of each message only its header is kept, as it stands in the raw bytes, of transforms that of the
+first; of inertial sensors and poses the numbers, too. EuRoC's folders are read without opening an
+image.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
 import struct
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,10 +26,13 @@ from vio_eval_ros.recordings.imu import IMU, samples
 from vio_eval_ros.recordings.messages import CONVERTERS, PATH
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.storage import unreadable
+from vio_eval_ros.recordings.transforms import TF_TYPES
 
 IMAGES = ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage')
 # numbers of an IMU, and of a pose: what is behind, a covariance, is of no use here
 IMU_NUMBERS, POSE_NUMBERS = 6, 7
+# Where an IMU has no such sensor, the covariance begins with -1
+SENSORS = {'gyroscope': 'angular_velocity', 'accelerometer': 'linear_acceleration'}
 
 
 class Sensors(NamedTuple):
@@ -58,11 +62,11 @@ def read_sensors(path: Path, progress: Progress = silent) -> Sensors:
             found = _of_recording(recording, progress)
     streams = found.streams
     if not any(map(len, streams)):
-        why = '; '.join(['there are no messages in it', *found.left_out])
-        raise ReadError(path, why)
+        raise ReadError(path, '; '.join(['there are no messages in it', *found.left_out]))
     if not any(stream.stamps_ns is not None and len(stream) for stream in streams):
         listed = ', '.join(f'{stream.topic} ({stream.msgtype})' for stream in streams)
-        raise ReadError(path, f'no topic has messages with a header; there are {listed}')
+        why = f'no topic has messages with a header; there are {listed}'
+        raise ReadError(path, '; '.join([why, *found.left_out]))
     return found
 
 
@@ -118,7 +122,10 @@ class _Collector:
         self._block: list[bytes] = []
         self._bytes = 0
         self._parts: list[np.ndarray] = []
+        self._lacks: tuple[str, ...] = ()
         msgtype = decoder.msgtype
+        # where the header begins: that of the first transform is behind how many there are
+        self._header = 0 if decoder.has_header else 4 if msgtype in TF_TYPES else None
         self._has_numbers = decoder.has_header and (
             msgtype == IMU or (msgtype in CONVERTERS and msgtype != PATH)
         )
@@ -126,18 +133,24 @@ class _Collector:
     def add(self, log_ns: int, raw: bytes) -> None:
         """Take one message."""
         self._logged.append(log_ns)
-        if not self._decoder.has_header:
+        begin = self._header
+        if begin is None:
             return
-        source = self._decoder.source
+        source, ros1 = self._decoder.source, self._decoder.ros1
+        if begin and not any(raw[:4] if ros1 else raw[4:8]):
+            self._stamps.append(0)  # no transform, no stamp
+            return
         try:
-            order = '<' if self._decoder.ros1 or raw[1] & 1 else '>'
-            _, seconds, nanoseconds, length = struct.unpack_from(f'{order}IiII', raw)
+            order = '<' if ros1 or raw[1] & 1 else '>'
+            _, seconds, nanoseconds, length = struct.unpack_from(f'{order}IiII', raw, begin)
         except (struct.error, IndexError) as error:
             raise unreadable(source, error) from error
-        if length > len(raw) - 16:
+        name = begin + 16
+        if length > len(raw) - name:
             raise ReadError(source, f'its message {len(self._logged)} is damaged')
         self._stamps.append(seconds * 1_000_000_000 + nanoseconds)
-        self._frames[bytes(raw[16 : 16 + length])] += 1
+        if not begin:  # transforms are between many frames
+            self._frames[bytes(raw[name : name + length])] += 1
         if self._has_numbers:
             self._block.append(raw)
             self._bytes += len(raw)
@@ -153,9 +166,10 @@ class _Collector:
             self._decoder.msgtype,
             _kind(self._decoder.msgtype, self._has_numbers),
             np.array(self._logged, np.int64),
-            np.array(self._stamps, np.int64) if self._decoder.has_header else None,
+            None if self._header is None else np.array(self._stamps, np.int64),
             self._names(),
             np.concatenate(self._parts or [np.empty((0, width))]) if self._has_numbers else None,
+            self._lacks,
         )
 
     def _names(self) -> Counter[str]:
@@ -168,7 +182,21 @@ class _Collector:
         if not self._block:
             return
         if self._decoder.msgtype == IMU:
-            self._parts.append(samples(self._block, self._decoder)[1])
+            part = samples(self._block, self._decoder)[1]
+            if not self._parts:  # what the first message says of it, all do
+                self._lacks = _lacking(self._decoder.deserialize(self._block[0]))
+            for k, name in enumerate(SENSORS):
+                if name in self._lacks:
+                    part[:, 3 * k : 3 * k + 3] = 0
+            self._parts.append(part)
         else:
             self._parts.append(self._decoder.columns(self._block)[1][:, :POSE_NUMBERS])
         self._block, self._bytes = [], 0
+
+
+def _lacking(message: Any) -> tuple[str, ...]:
+    """Return the sensors that an IMU says not to have, in a message of its."""
+    covariances = {
+        name: getattr(message, f'{field}_covariance', (0.0,)) for name, field in SENSORS.items()
+    }
+    return tuple(name for name, values in covariances.items() if values[0] == -1)
