@@ -367,3 +367,14 @@ def test_what_cannot_be_done_is_one_line(flight, tmp_path):
     assert 'the estimate has 2 usable poses' in message
     assert 'RECORDING' in complaint()
     assert 'a topic needs a RECORDING' in complaint(*pair(flight, 'est'), '--imu', '/imu0')
+
+
+def test_an_imu_topic_that_is_not_there_is_told_with_what_to_write(tmp_path):
+    path = tmp_path / 'run.mcap'
+    write_recording(simulate(duration_s=5.0, imu_noise=EUROC), path)
+    advice = 'there is no such topic; write --imu'
+    assert f'{advice} /imu0 (1000 messages)' in complaint(path, '--imu', '/imu')
+    assert f'{advice} {path}:/imu0 (1000' in complaint(path, '--imu', f'{path}:/imu')
+    write_recording(simulate(duration_s=5.0), tmp_path / 'without.mcap')
+    said = complaint(tmp_path / 'without.mcap', '--imu', '/imu0')
+    assert 'no such topic; the recording has no topic of type sensor_msgs/msg/Imu' in said

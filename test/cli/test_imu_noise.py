@@ -112,7 +112,10 @@ def test_a_unit_can_be_stated(file):
     ('arguments', 'problem'),
     [
         (['missing.csv'], 'missing.csv'),
-        (['{recording}', '--topic', '/imu'], 'no such topic'),
+        (
+            ['{recording}', '--topic', '/imu'],
+            'no such topic; write --topic /imu0 (90000 messages)',
+        ),
         (['{recording}', '--report', 'jpg:allan.jpg'], 'a format of html, json, kalibr, png'),
         (['{recording}', '--report', 'png:{recording}/none/allan.png'], 'there is no folder'),
         (['{file}', '--report', 'kalibr:{file}'], 'overwrite the input'),

@@ -69,6 +69,22 @@ def test_no_common_gyroscope_in_radians_is_taken_to_be_in_degrees(density):
     assert analysed(rest(0.1, noise)).units['gyro'] == ('rad/s', 'by default')
 
 
+@pytest.mark.parametrize('count', [10, 15, 40])
+def test_a_gyroscope_of_less_than_a_second_is_judged_by_its_white_noise_at_one(count):
+    noise = ImuNoise(Noise(8e-4, 1e-6), EUROC.accel)
+    assert analysed(rest(0.1, noise)[:count]).units['gyro'] == ('rad/s', 'by default')
+    degrees = rest(0.1)[:count] / (np.pi / 180)
+    assert analysed(degrees).units['gyro'] == ('deg/s', 'by magnitude')
+
+
+def test_what_the_record_is_too_short_to_tell_is_a_warning():
+    (warning,) = analysed(rest(0.01)).warnings
+    assert warning == 'the record is too short to tell the random walk of gyro_x, gyro_y, gyro_z'
+    (warning,) = (line for line in analysed(rest()[:20]).warnings if 'too short' in line)
+    for name in ('white noise density', 'bias instability', 'random walk'):
+        assert f'the {name} of any axis' in warning
+
+
 def test_motion_is_reported_with_its_time():
     samples = rest()
     samples[2_000:2_100, 0] += np.linspace(0, 0.5, 100)
@@ -91,7 +107,7 @@ def test_losses_gaps_and_shared_stamps_are_reported():
     stamps_ns[20_000:] += 10**10
     warnings = ' '.join(analysed(samples[kept], stamps_ns=stamps_ns[kept]).warnings)
     assert '2.6 % of the samples were lost' in warnings
-    assert '1 gaps (500 samples) cut the record into 2 segments' in warnings
+    assert 'cut into 2 segments; gaps: 1, samples lost in them: 500' in warnings
     stamps_ns = 20_000_000 * (np.arange(len(samples)) // 2 * 2)
     assert 'stamps are not those of the sensor' in ' '.join(
         analysed(samples, stamps_ns=stamps_ns).warnings
@@ -178,3 +194,9 @@ def test_a_short_record_still_has_every_document():
     assert json.loads(json_document(short))['kalibr']['gyroscope_noise_density'] is None
     pytest.importorskip('matplotlib')
     assert plot(short).startswith(b'\x89PNG')
+
+
+def test_a_value_that_never_changes_is_no_trouble_to_the_plot(recwarn):
+    pytest.importorskip('matplotlib')
+    assert plot(analysed(np.ones((1_000, 6)))).startswith(b'\x89PNG')
+    assert not recwarn.list

@@ -35,6 +35,8 @@ def test_it_has_the_parameters_and_why_one_is_not_known(parsed, analysis):
     text = parsed(html_document(analysis)).text
     assert f'{analysis.axes["gyro_x"].fit.density.value:.4g}' in text
     assert 'x, y, z: bias instability: ' in text
+    first, last = analysis.axes['gyro_x'].fit.range_s
+    assert f'{first:.3g} to {last:.4g}' in text
 
 
 def test_no_name_breaks_out_of_it(parsed, analysis):

@@ -154,10 +154,12 @@ def test_ten_percent_of_losses_are_all_found(small_window):
 
 def test_what_is_not_finite_is_left_out_and_counted(small_window):
     stamps_ns, samples = made()
-    samples[10, 3], samples[1_500, 0] = np.nan, np.inf
+    samples[10, 3], samples[1_500, 0], samples[2_000, 5] = np.nan, np.inf, 1e300
     signal = taken(stamps_ns, samples)
-    assert signal.counts.not_finite == 2
-    assert signal.counts.filled == 2
+    assert signal.counts.not_finite == 3
+    assert signal.counts.filled == 3
+    with pytest.raises(ReadError, match=r'fewer than 10 .*left out: 3,000 NaN, infinite or above'):
+        taken(stamps_ns, np.full((3_000, 6), 1e300))
 
 
 def test_beyond_the_capacity_neighbours_are_averaged(small_window):
@@ -195,6 +197,13 @@ def test_memory_does_not_grow_with_the_record(small_window):
 
     peak(5)
     assert peak(200) < 1.2 * peak(20)
+
+
+def test_stamps_that_stand_still_but_for_a_leap_are_an_error(small_window):
+    stamps_ns = np.arange(3_000) // 100
+    stamps_ns[-1] = 4 * 10**9
+    with pytest.raises(ReadError, match='stand still'):
+        taken(stamps_ns, made()[1])
 
 
 def test_stamps_that_stand_still_are_an_error():

@@ -145,19 +145,29 @@ def test_messages_of_another_definition_are_read_by_the_names_of_their_fields(tm
 
 def test_of_two_imus_one_is_to_be_named(tmp_path):
     path = write(tmp_path / 'run', 'mcap', {'/imu0': made(), '/imu1': made(30)})
-    with pytest.raises(ReadError, match=r'--topic.*/imu0 \(60\), /imu1 \(30\)'):
+    advice = r'write --topic /imu0 \(60 messages\) or --topic /imu1 \(30 messages\)$'
+    with pytest.raises(ReadError, match=advice):
         read(path)
+    with pytest.raises(ReadError, match=advice.replace('--topic ', '--imu run:')):
+        read_imu(path, None, Collected(), option='--imu run:')
     assert len(read(path, '/imu1')[0]) == 30
 
 
 def test_a_topic_that_is_not_there_or_no_imu_is_refused_by_name(tmp_path, leica_recording):
     path = write(tmp_path / 'run', 'mcap', {'/imu0': made()})
-    with pytest.raises(ReadError, match='no such topic; topics of sensor_msgs/msg/Imu: /imu0'):
+    with pytest.raises(ReadError, match='no such topic; write --topic /imu0'):
         read(path, '/imu')
     with pytest.raises(UnsupportedMessage, match='carries geometry_msgs/msg/PoseStamped'):
         read(leica_recording, '/vio/pose')
-    with pytest.raises(ReadError, match='topics of sensor_msgs/msg/Imu: none'):
+    with pytest.raises(
+        ReadError, match=r'recording: the recording has no topic of type sensor_msgs/msg/Imu$'
+    ):
         read(leica_recording)
+    silent = write(tmp_path / 'silent', 'mcap', {'/imu0': made(0)})
+    with pytest.raises(ReadError, match='silent: the recording has no messages of type'):
+        read(silent)
+    with pytest.raises(ReadError, match='imu0: has no messages; the recording has no messages'):
+        read(silent, '/imu0')
 
 
 def test_a_damaged_message_is_an_error_of_one_line(tmp_path, monkeypatch):
@@ -236,6 +246,14 @@ def test_the_unit_of_stamps_is_stated_or_told_by_their_steps(tmp_path, header, s
     stamps = [round(step * index, 3) for index in range(60)]
     found_ns, _, _ = read(csv(tmp_path / 'imu.csv', header, stamps, made()[1]))
     np.testing.assert_array_equal(np.diff(found_ns), round(step * unit_ns))
+
+
+@pytest.mark.parametrize('wrong', [0, -1])
+def test_one_wrong_stamp_does_not_change_the_unit(tmp_path, wrong):
+    stamps = [round(1.4e9 + index / 200, 3) for index in range(60)]
+    stamps[wrong] = 0.0
+    found_ns, _, _ = read(csv(tmp_path / 'imu.csv', '', stamps, made()[1]))
+    assert np.median(np.diff(found_ns)) == 5_000_000
 
 
 def test_a_csv_is_read_in_blocks_and_errors_name_the_line(tmp_path, monkeypatch):

@@ -259,7 +259,11 @@ def _gyroscope(arguments: argparse.Namespace, estimate: Trajectory) -> Compariso
         )
     blocks: list[tuple[np.ndarray, np.ndarray]] = []
     source = read_imu(
-        path, spec.topic, lambda stamps, samples: blocks.append((stamps, samples[:, :3])), progress
+        path,
+        spec.topic,
+        lambda stamps, samples: blocks.append((stamps, samples[:, :3])),
+        progress,
+        f'--imu {spec.path}:' if spec.path else '--imu ',
     )
     stamps_ns, rates = (np.concatenate(part) for part in zip(*blocks, strict=True))
     if source.units.get('gyro') == 'deg/s':

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 
 from vio_eval_ros.imu.allan import allan_curve, Curve
-from vio_eval_ros.imu.fit import Fit, fit_noise
-from vio_eval_ros.imu.record import AXES, Signal
+from vio_eval_ros.imu.fit import Fit, fit_noise, NAMES
+from vio_eval_ros.imu.record import AXES, NO_NUMBERS, Signal
 
 #: What samples may be in, and how large one is in rad/s or m/s².
 UNITS = {
@@ -105,11 +105,13 @@ def _unit(kind: str, stated: dict[str, str], other: str, is_other: bool) -> Unit
 
 
 def _is_in_degrees(curves: list[Curve]) -> bool:
-    levels = [
-        np.interp(0.0, np.log(curve.taus_s), curve.deviations)
-        for curve in curves
-        if len(curve.taus_s)
-    ]
+    levels = []
+    for curve in curves:
+        if len(curve.taus_s):
+            # of a shorter record, the white noise line at 1 s
+            tau_s = min(1.0, curve.taus_s[-1])
+            level = np.interp(np.log(tau_s), np.log(curve.taus_s), curve.deviations)
+            levels.append(level * np.sqrt(tau_s))
     return bool(levels) and float(np.median(levels)) > NOISY_AT_1_S
 
 
@@ -130,8 +132,8 @@ def _of_record(signal: Signal) -> list[str]:
         found.append(f'{share:.1f} % of the samples were lost and are interpolated')
     if counts.gaps:
         found.append(
-            f'{counts.gaps:,} gaps ({counts.lost:,} samples) cut the record into '
-            f'{len(signal.segments):,} segments'
+            f'the record is cut into {len(signal.segments):,} segments; gaps: {counts.gaps:,}, '
+            f'samples lost in them: {counts.lost:,}'
         )
     if counts.equal_stamps > MANY * counts.samples:
         found.append(
@@ -139,11 +141,11 @@ def _of_record(signal: Signal) -> list[str]:
             'not those of the sensor; its order and its mean rate are used'
         )
     for count, what in (
-        (counts.late, 'came too late to be sorted'),
-        (counts.not_finite, 'are not finite'),
+        (counts.late, 'too late to be sorted'),
+        (counts.not_finite, NO_NUMBERS),
     ):
         if count:
-            found.append(f'{count:,} samples {what}, and are left out')
+            found.append(f'left out: {count:,} of {counts.samples:,} samples, {what}')
     return found
 
 
@@ -175,8 +177,14 @@ def _of_rest(axes: dict[str, Axis], scatter: np.ndarray) -> list[str]:
 
 
 def _of_fits(axes: dict[str, Axis]) -> list[str]:
-    """Return warnings of curves that are not those of the model."""
-    found = []
+    """Return warnings of curves that end too soon, or are not those of the model."""
+    short = []
+    for attribute, label in NAMES.items():
+        names = [name for name, axis in axes.items() if getattr(axis.fit, attribute).too_short]
+        if names:
+            which = 'any axis' if len(names) == len(axes) else ', '.join(names)
+            short.append(f'the {label.replace("_", " ")} of {which}')
+    found = [f'the record is too short to tell {"; ".join(short)}'] if short else []
     for name, axis in axes.items():
         if axis.fit.misfit:
             excess, tau_s = axis.fit.misfit

@@ -14,15 +14,15 @@ from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.imu.allan import CONFIDENCE, interval
 from vio_eval_ros.imu.analysis import Analysis, Axis
-from vio_eval_ros.imu.fit import Parameter
+from vio_eval_ros.imu.fit import Fit, NAMES, Parameter
 
 SCHEMA = 'vio_eval_ros.imu_noise/1'
 UNIT = {'gyro': 'rad/s', 'accel': 'm/s2'}
 # attribute of a fit: its name, unit of each kind, and the τ [s] at which its line is read
 PARAMETERS = {
-    'density': ('white_noise_density', {'gyro': 'rad/s/sqrt(Hz)', 'accel': 'm/s2/sqrt(Hz)'}, 1.0),
-    'instability': ('bias_instability', UNIT, None),
-    'walk': ('random_walk', {'gyro': 'rad/s2/sqrt(Hz)', 'accel': 'm/s3/sqrt(Hz)'}, 3.0),
+    'density': (NAMES['density'], {'gyro': 'rad/s/sqrt(Hz)', 'accel': 'm/s2/sqrt(Hz)'}, 1.0),
+    'instability': (NAMES['instability'], UNIT, None),
+    'walk': (NAMES['walk'], {'gyro': 'rad/s2/sqrt(Hz)', 'accel': 'm/s3/sqrt(Hz)'}, 3.0),
 }
 KALIBR = {
     'accelerometer_noise_density': ('accel', 'density'),
@@ -74,11 +74,7 @@ def table(analysis: Analysis) -> str:
             cells = ''
             for attribute in PARAMETERS:
                 cells += f'{cell(getattr(axis.fit, attribute)):<35}'
-            fitted = axis.fit.range_s
-            lines.append(
-                f'{name[-1]:<9}{cells}'
-                + (f'{fitted[0]:.3g} to {fitted[1]:.4g}' if fitted else '-')
-            )
+            lines.append(f'{name[-1]:<9}{cells}{fitted_range(axis.fit)}')
     lines += ['', f'in brackets: {100 * CONFIDENCE:.0f} % confidence interval']
     lines += [f'null: {", ".join(names)}: {reason}' for reason, names in reasons(analysis).items()]
     lines += [f'warning: {warning}' for warning in analysis.warnings]
@@ -143,7 +139,9 @@ def plot(analysis: Analysis) -> bytes:
         for axis, letter, colour in zip(axes, 'xyz', COLOURS, strict=True):
             fit = axis.fit
             taus_s, (low, high) = axis.curve.taus_s, band(axis)
-            panel.loglog(taus_s, axis.curve.deviations, colour, label=letter)
+            # a value that never changes has no place on logarithmic axes
+            deviations = np.where(axis.curve.deviations > 0, axis.curve.deviations, np.nan)
+            panel.loglog(taus_s, deviations, colour, label=letter)
             panel.fill_between(taus_s, low, high, color=colour, alpha=0.15, linewidth=0)
             if fit.range_s:
                 used = (taus_s >= fit.range_s[0]) & (taus_s <= fit.range_s[1])
@@ -181,6 +179,11 @@ def cell(parameter: Parameter) -> str:
     if math.isnan(parameter.value):
         return '-' if math.isnan(parameter.high) else f'- (at most {parameter.high:.3g})'
     return f'{parameter.value:.4g} ({parameter.low:.4g} to {parameter.high:.4g})'
+
+
+def fitted_range(fit: Fit) -> str:
+    """Return which averaging times were fitted."""
+    return f'{fit.range_s[0]:.3g} to {fit.range_s[1]:.4g}' if fit.range_s else '-'
 
 
 def _axis(name: str, axis: Axis) -> dict[str, Any]:

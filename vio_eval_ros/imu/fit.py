@@ -17,10 +17,16 @@ import numpy as np
 from vio_eval_ros.imu.allan import Curve, interval, Variances
 
 FLAT = 2 * np.log(2) / np.pi  # the Allan variance of flicker noise over B²: 0.664²
+# of the parameters of a Fit, as documents have them
+NAMES = {
+    'density': 'white_noise_density',
+    'instability': 'bias_instability',
+    'walk': 'random_walk',
+}
 NORMAL_95 = 1.96  # standard deviations
 SIGNIFICANT = 3.0  # standard deviations of chance that a term must exceed
 CERTAIN = 2.0  # standard deviations of its own that the square of a term must be above zero
-RAMP = 3  # the column of a steady drift
+WALK, RAMP = 2, 3  # the columns of a random walk and of a steady drift
 FLOOR = 0.02  # of a variance: no real sensor follows the model more closely
 POINTS = 8  # fewer cannot tell three terms apart
 WHITE, NEAR = -0.5, 0.02  # the slope of white noise, and how close to it is
@@ -38,13 +44,15 @@ class Parameter:
         told, low is NaN and high an upper limit, NaN where there is none.
     :param dominates_s: from and up to which averaging time its term is the largest; None where
         it nowhere is.
+    :param too_short: whether it cannot be told because the record is too short for it.
     """
 
-    value: float
-    low: float
-    high: float
+    value: float = np.nan
+    low: float = np.nan
+    high: float = np.nan
     dominates_s: tuple[float, float] | None = None
     reason: str | None = None
+    too_short: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +84,12 @@ class Fit:
 def fit_noise(curve: Curve) -> Fit:
     """Return the noise parameters of a curve."""
     if not curve.deviations.all():
-        return _nothing(curve, 'its value never changes')
+        return _nothing(curve, Parameter(reason='its value never changes'))
     used = fitted(curve)
     if used.sum() < POINTS:
         seconds = curve.samples / curve.rate_hz
-        return _nothing(curve, f'the record is too short: {seconds:.3g} s without long gaps')
+        reason = f'the record is too short: {seconds:.3g} s without long gaps'
+        return _nothing(curve, Parameter(reason=reason, too_short=True))
     best = _estimate(curve, used, [0, 1, 2])
     limits = np.sqrt(np.maximum(best.squares, 0) + NORMAL_95 * best.spreads)
     limits[1] = min(limits[1], curve.deviations[used].min() / np.sqrt(FLAT))
@@ -102,7 +111,9 @@ def fit_noise(curve: Curve) -> Fit:
     density, instability, walk = (
         _told(best.squares[term], best.spreads[term], taus_s[used], parts[used], term)
         if term in best.kept
-        else Parameter(np.nan, np.nan, float(limits[term]), reason=_reason(term, range_s))
+        else Parameter(
+            high=float(limits[term]), reason=_reason(term, range_s), too_short=term == WALK
+        )
         for term in range(3)
     )
     return Fit(
@@ -218,9 +229,8 @@ def _told(
     """Return a parameter whose term was kept."""
     low, high = interval(np.sqrt(max(square, 0)), 2 * (square / spread) ** 2)
     if square < CERTAIN * spread:
-        return Parameter(
-            np.nan, np.nan, high, reason='it is there, but how large cannot be told; record longer'
-        )
+        reason = 'it is there, but how large cannot be told; record longer'
+        return Parameter(high=high, reason=reason, too_short=True)
     largest = taus_s[parts.argmax(axis=1) == term]
     dominates_s = (float(largest[0]), float(largest[-1])) if len(largest) else None
     return Parameter(float(np.sqrt(square)), low, high, dominates_s)
@@ -237,7 +247,6 @@ def _reason(term: int, range_s: tuple[float, float]) -> str:
     )[term]
 
 
-def _nothing(curve: Curve, reason: str) -> Fit:
-    unknown = Parameter(np.nan, np.nan, np.nan, reason=reason)
+def _nothing(curve: Curve, unknown: Parameter) -> Fit:
     nan = np.full(len(curve.factors), np.nan)
     return Fit(unknown, unknown, unknown, None, nan, nan, None, False)

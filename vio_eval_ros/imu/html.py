@@ -8,7 +8,15 @@ from typing import Any
 import numpy as np
 
 from vio_eval_ros.imu.analysis import Analysis, Axis
-from vio_eval_ros.imu.documents import band, cell, PARAMETERS, reasons, record_line, UNIT
+from vio_eval_ros.imu.documents import (
+    band,
+    cell,
+    fitted_range,
+    PARAMETERS,
+    reasons,
+    record_line,
+    UNIT,
+)
 from vio_eval_ros.reports.html import swatch, warnings
 from vio_eval_ros.reports.page import Html, page, plot, table, tag
 from vio_eval_ros.reports.plots import axis, layout
@@ -43,10 +51,10 @@ def _parameters(analysis: Analysis, kind: str) -> Iterator[Html]:
     heads = [f'{name.replace("_", " ")} [{unit[kind]}]' for name, unit, _ in PARAMETERS.values()]
     fits = {name[-1]: one.fit for name, one in analysis.axes.items() if name.startswith(kind)}
     rows = [
-        [letter, *(cell(getattr(fit, attribute)) for attribute in PARAMETERS)]
+        [letter, *(cell(getattr(fit, attribute)) for attribute in PARAMETERS), fitted_range(fit)]
         for letter, fit in fits.items()
     ]
-    yield table(['', *heads], rows)
+    yield table(['', *heads, 'fitted τ [s]'], rows)
     for reason, names in reasons(analysis, kind).items():
         axes = ', '.join(name[-1] for name in names)
         yield tag('p', f'{axes}: {reason}', class_='soft')

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from vio_eval_ros.core.stream import LARGEST
 from vio_eval_ros.errors import ReadError
 
 AXES = ('gyro_x', 'gyro_y', 'gyro_z', 'accel_x', 'accel_y', 'accel_z')
@@ -21,6 +22,8 @@ HELD = 1 << 16  # samples held back for others that come late
 NEAR = 16  # samples on either side of a suspected gap that tell whether it is one
 FEWEST = 10
 FILLED = 10  # lost in a row at most, to be interpolated
+NO_NUMBERS = 'NaN, infinite or above 1e12'
+STANDING = 'its stamps stand still; have the driver set them'
 
 
 @dataclass
@@ -31,7 +34,7 @@ class Counts:
     :param samples: read.
     :param unsorted: came behind others with a later stamp, and were sorted.
     :param late: came too late for that, and were left out.
-    :param not_finite: were left out for a NaN or an infinity.
+    :param not_finite: were left out for a NaN, an infinity or a number above 1e12.
     :param repeated: had stamp and values of the one before, and were left out.
     :param equal_stamps: had the stamp of the one before, but other values.
     :param filled: were lost, at most ten in a row, and interpolated.
@@ -114,7 +117,7 @@ class Record:
         :param samples: (N, 6), a column an axis of ``AXES``.
         """
         self.counts.samples += len(stamps_ns)
-        finite = np.isfinite(samples).all(axis=1)
+        finite = (np.abs(samples) < LARGEST).all(axis=1)
         if not finite.all():
             self.counts.not_finite += int((~finite).sum())
             stamps_ns, samples = stamps_ns[finite], samples[finite]
@@ -131,7 +134,14 @@ class Record:
         """
         self._take_over(0)
         if self._intervals < FEWEST - 1:
-            raise ReadError(self.source, f'there are fewer than {FEWEST} samples with stamps')
+            left_out = self.counts.not_finite
+            raise ReadError(
+                self.source,
+                f'there are fewer than {FEWEST} samples with stamps'
+                + (f'; left out: {left_out:,} {NO_NUMBERS}' if left_out else ''),
+            )
+        if not self._elapsed_ns:
+            raise ReadError(self.source, STANDING)
         self._close()
         segments = [parts for parts in self._segments if parts]
         period_s = self._elapsed_ns / self._intervals / 1e9
@@ -194,7 +204,7 @@ class Record:
         if step > period / 2:  # else samples come in bursts
             period = step
         if period <= 0:
-            raise ReadError(self.source, 'its stamps stand still; have the driver set them')
+            raise ReadError(self.source, STANDING)
         for _ in range(3):
             period = float(
                 (stamps[-1] - stamps[0]) / (len(stamps) - 1 + _lost(stamps, period).sum())

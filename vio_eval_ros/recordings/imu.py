@@ -54,12 +54,19 @@ class ImuSource(NamedTuple):
         return f'{self.path}:{self.topic}' if self.topic else str(self.path)
 
 
-def read_imu(path: Path, topic: str | None, sink: Sink, progress: Progress = silent) -> ImuSource:
+def read_imu(
+    path: Path,
+    topic: str | None,
+    sink: Sink,
+    progress: Progress = silent,
+    option: str = '--topic ',
+) -> ImuSource:
     """
     Hand all samples of an IMU to a sink, in blocks and as they were recorded.
 
     :param path: a recording, a CSV file, or a folder of EuRoC's with an ``imu0``.
     :param topic: of the recording; None for the only one with IMU messages.
+    :param option: what a user writes in front of a topic, for the advice in errors.
     :raises ReadError: what cannot be read, is damaged or has no such topic; a file whose columns
         are not known.
     """
@@ -69,29 +76,30 @@ def read_imu(path: Path, topic: str | None, sink: Sink, progress: Progress = sil
             raise ReadError(path, f'is not a recording and has no topic {topic}')
         return _read_csv(files[0] if files else path, sink, progress)
     with Recording(path) as recording:
-        found = _imu_topic(recording, topic)
+        found = _imu_topic(recording, topic, option)
         _read_topic(recording, found, sink, progress)
     return ImuSource(path, found.name, {})
 
 
-def _imu_topic(recording: Recording, name: str | None) -> Topic:
+def _imu_topic(recording: Recording, name: str | None, option: str) -> Topic:
     """Return the topic of this name, or the only one with IMU messages."""
     found = {topic.name: topic for topic in recording.topics if topic.msgtype == IMU}
-    choice = f'topics of {IMU}: ' + (
-        ', '.join(f'{topic.name} ({topic.count})' for topic in found.values()) or 'none'
-    )
+    filled = [topic for topic in found.values() if topic.count]
+    choice = 'write ' + ' or '.join(f'{option}{one.name} ({one.count} messages)' for one in filled)
+    if not filled:
+        choice = f'the recording has no {"messages" if found else "topic"} of type {IMU}'
     path = recording.path
     if name is None:
-        filled = [topic for topic in found.values() if topic.count]
-        if len(filled) != 1:
-            raise ReadError(path, f'name the one to be read with --topic; {choice}')
-        return filled[0]
+        if len(filled) == 1:
+            return filled[0]
+        several = f'there are several topics of type {IMU}; ' if filled else ''
+        raise ReadError(path, several + choice)
     if name not in found:
         others = [topic.msgtype for topic in recording.topics if topic.name == name]
         if others:
             raise UnsupportedMessage(f'{path}:{name}', f'carries {others[0]}; {choice}')
         raise ReadError(f'{path}:{name}', f'there is no such topic; {choice}')
-    if not found[name].count:
+    if found[name] not in filled:
         raise ReadError(f'{path}:{name}', f'has no messages; {choice}')
     return found[name]
 
@@ -236,5 +244,7 @@ def _named(path: Path, header: bytes) -> _Columns:
 
 def _stamp_unit(stamps: np.ndarray) -> str:
     """Return the unit of stamps, given that an IMU has 20 to 20,000 samples a second."""
-    step = abs(stamps[-1] - stamps[0]) / max(len(stamps) - 1, 1)
+    stride = min(len(stamps) // 8 + 1, 64)  # over bursts of equal stamps
+    steps = np.abs(np.diff(stamps[::stride])) / stride
+    step = np.median(steps) if len(steps) else 0.0
     return next((unit for unit, longest in LONGEST_STEP.items() if step <= longest), 'ns')
