@@ -295,6 +295,89 @@ def test_a_recorder_whose_clock_stands_still_is_told(rig):
     assert 'does not go forward' in found['replayed']
 
 
+def stalled(stream: Stream, begin_s: float, end_s: float) -> Stream:
+    """Return the messages, of which those of some seconds are recorded at the end of them."""
+    end_ns = stream.logged_ns[0] + round(1e9 * end_s)
+    is_held = (stream.logged_ns >= stream.logged_ns[0] + 1e9 * begin_s) & (
+        stream.logged_ns < end_ns
+    )
+    return replace(stream, logged_ns=np.where(is_held, end_ns, stream.logged_ns))
+
+
+@pytest.mark.parametrize('name', ['cam0', 'imu'])
+@pytest.mark.parametrize('ppm', [0, 50])
+@pytest.mark.parametrize('duration_s', [8, 30])
+def test_a_sensor_that_stalls_and_catches_up_is_told(rig, name, ppm, duration_s):
+    count = len(rig[name]) * duration_s // 30
+    stream = kept(rig[name], np.arange(count))
+    drift = (stream.stamps_ns - stream.stamps_ns[0]) * ppm // 10**6
+    stream = replace(stream, logged_ns=stream.logged_ns + drift)
+    inspection = inspected(rig, **{name: stalled(stalled(stream, 2, 4), 6, 7)})
+    found = the(inspection, 'late_arrival')
+    assert (found.topic, found.level) == (stream.topic, 'warn')
+    assert found.value == pytest.approx(2, abs=0.06)
+    # those that are late by more than half a second
+    assert found.count == pytest.approx(2 * len(stream) / duration_s, abs=2)
+    silences_s = [(m.logged_end_ns - m.logged_begin_ns) / 1e9 for m in found.moments]
+    assert silences_s == pytest.approx([2, 1], abs=0.06)
+    assert wrong(inspection) - {('clock_drift', stream.topic)} == {
+        ('late_arrival', stream.topic),
+        *{('early_end', stream.topic) for _ in range(duration_s < 30)},
+    }
+
+
+def test_a_recorder_that_stalls_with_all_topics_is_no_fault_of_a_sensor(rig):
+    inspection = inspect([stalled(stream, 10, 12) for stream in rig.values()])
+    assert {(one.name, one.level) for one in inspection.findings} == {('late_arrival', 'info')}
+    assert len(inspection.findings) == len(rig)
+    assert 'nothing else was recorded meanwhile' in inspection.findings[0].message
+
+
+@pytest.mark.parametrize('batch_s', [0.02, 0.4, 2.0])
+def test_messages_that_are_always_recorded_in_batches_are_not_late(rig, batch_s):
+    batch_ns = round(1e9 * batch_s)
+    batches = {
+        name: replace(s, logged_ns=(s.logged_ns // batch_ns + 1) * batch_ns)
+        for name, s in rig.items()
+    }
+    assert 'late_arrival' not in {one.name for one in inspect(list(batches.values())).findings}
+
+
+@pytest.mark.parametrize('pace', [0.01, 0.5, 3.0])
+def test_a_recording_that_was_converted_haltingly_is_not_late(rig, pace):
+    source, halts = np.random.default_rng(8), {}
+    for name, stream in rig.items():
+        steps_ns = pace * np.diff(stream.logged_ns, prepend=stream.logged_ns[0])
+        steps_ns += 1e9 * (source.random(len(stream)) < 0.01)
+        logged_ns = FIRST_NS + 10**15 + np.cumsum(steps_ns).astype(np.int64)
+        halts[name] = replace(stream, logged_ns=logged_ns)
+    assert 'late_arrival' not in {one.name for one in inspect(list(halts.values())).findings}
+
+
+@pytest.mark.parametrize('step_s', [-2, 2])
+@pytest.mark.parametrize('duration_s', [8, 30])
+@pytest.mark.parametrize('of', ['stamps_ns', 'logged_ns'])
+def test_a_clock_that_is_set_makes_nothing_late(rig, of, duration_s, step_s):
+    for share in (0.2, 0.7):
+        stepped = {}
+        for name, stream in rig.items():
+            stream = kept(stream, np.arange(len(stream) * duration_s // 30))
+            behind = np.arange(len(stream)) >= share * len(stream)
+            times_ns = getattr(stream, of) + step_s * 10**9 * behind
+            stepped[name] = replace(stream, **{of: times_ns})
+        assert 'late_arrival' not in {one.name for one in inspect(list(stepped.values())).findings}
+
+
+def test_stamps_that_are_wrong_for_a_moment_make_nothing_late(rig):
+    stamps_ns = rig['imu'].stamps_ns.copy()
+    stamps_ns[[1000, *range(2000, 2100)]] -= 2 * 10**9
+    stamps_ns[[3000, 4000]] += 2 * 10**9
+    inspection = inspected(rig, imu=replace(rig['imu'], stamps_ns=stamps_ns))
+    names = {one.name for one in inspection.findings}
+    assert 'out_of_order' in names
+    assert 'late_arrival' not in names
+
+
 @pytest.mark.parametrize('names', [('cam0', 'imu'), ('cam0', 'cam1', 'imu', 'second')])
 def test_an_offset_is_whole_however_few_sensors_there_are(rig, names):
     early = replace(rig['imu'], stamps_ns=rig['imu'].stamps_ns - 9 * 10**8)
@@ -563,6 +646,15 @@ def test_saturation_is_found_with_its_limit(rig, axis, limit):
     found = the(inspected(rig, imu=replace(rig['imu'], numbers=numbers)), 'saturation')
     assert found.value == limit
     assert found.count == np.count_nonzero(numbers[:, axis] == limit)
+
+
+@pytest.mark.parametrize(('axis', 'limit'), [(1, 0.3), (5, 11.0)])
+def test_an_axis_that_is_cut_off_until_the_end_is_not_stuck_as_well(rig, axis, limit):
+    numbers = rig['imu'].numbers.copy()
+    numbers[-200:, axis] += 10  # above the limit throughout
+    numbers[:, axis] = np.minimum(numbers[:, axis], limit)
+    inspection = inspected(rig, imu=replace(rig['imu'], numbers=numbers))
+    assert wrong(inspection) == {('saturation', '/imu0')}
 
 
 def test_a_coarse_sensor_is_not_saturated(rig):

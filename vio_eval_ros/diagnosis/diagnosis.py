@@ -292,7 +292,7 @@ def _named(run: Run, measured: Measured) -> list[Named]:
         correction = measured.correction.only([one.name for one in suspects])
         after = run.errors(correction)
         named = [
-            Named(one, *_undone(one.name, run.errors(correction.without(one.name)), after))
+            Named(one, *_undone(one, run.errors(correction.without(one.name)), after))
             for one in suspects
         ]
         least = min(named, key=lambda one: one.share)
@@ -305,13 +305,17 @@ def _named(run: Run, measured: Measured) -> list[Named]:
 
 
 def _undone(
-    name: str, before: dict[str, float], after: dict[str, float]
+    one: Measurement, before: dict[str, float], after: dict[str, float]
 ) -> tuple[str, float, float]:
-    """Return the error that undoing a cause improves most; no cure makes the ATE larger."""
-    ate = 'ATE [m]'
-    if name not in CERTAIN and after.get(ate, 0.0) > (1 + IMPROVEMENT) * before.get(ate, math.inf):
+    """
+    Return the error that undoing a cause improves most.
+
+    Where there is any doubt, no cure makes the ATE larger: drift can hide in a fault by chance.
+    """
+    ate, certain = 'ATE [m]', one.name in CERTAIN or one.beyond_doubt
+    if not certain and after.get(ate, 0.0) > (1 + IMPROVEMENT) * before.get(ate, math.inf):
         return ate, before[ate], after[ate]
-    return improvement(before, after, ACTS_ON.get(name, ''))
+    return improvement(before, after, ACTS_ON.get(one.name, ''))
 
 
 def _causes(run: Run, measured: Measured, named: list[Named]) -> list[Cause]:

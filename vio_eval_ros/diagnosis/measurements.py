@@ -96,8 +96,11 @@ class Measurement:
     @property
     def unusual(self) -> bool:
         """Whether it is beyond what healthy runs show, as far as can be told."""
-        if self.told:
-            return self.confidence >= SURE
+        return self.confidence >= SURE if self.told else self.beyond_doubt
+
+    @property
+    def beyond_doubt(self) -> bool:
+        """Whether it is beyond what healthy runs show by much more than its uncertainty."""
         return self.size - self.healthy > BEYOND_DOUBT * self.size_uncertainty
 
     @property

@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vio_eval_ros.core.stream import Moment, spread, Stream
-from vio_eval_ros.inspection.findings import Finding
+from vio_eval_ros.core.stream import Moment, runs, spread, Stream
+from vio_eval_ros.inspection.findings import are, Finding
 
 WINDOWS, LEAST_WINDOWS, MESSAGES_A_WINDOW = 64, 16, 8
 LEAST_S = 10.0
@@ -29,6 +29,8 @@ STANDS_STILL = 1e-3
 LATEST_S, EARLIEST_S = 1.0, -0.001
 # A clock was set where all that is behind differs from all in front by this, and many spreads
 STEP_S, STEP_SPREADS = 0.005, 10.0
+# Messages were held up where they are late by this, so many periods and so many spreads of all
+HELD_S, HELD_PERIODS, HELD_SPREADS = 0.5, 10.0, 10.0
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,7 @@ def clocks(stream: Stream) -> tuple[Clocks | None, list[Finding]]:
     count = min(WINDOWS, len(order) // MESSAGES_A_WINDOW)
     if count < LEAST_WINDOWS or seconds[-1] < LEAST_S:
         low = Clocks(median, p99, base_s + float(latencies.min()))
-        return low, list(_findings(stream, low))
+        return low, [*_findings(stream, low), *_late(stream, latencies)]
     edges = np.linspace(0, len(order), count + 1).astype(int)
     windows = list(pairwise(edges.tolist()))
     x, latencies = seconds - seconds[-1] / 2, latencies[order]
@@ -100,16 +102,20 @@ def clocks(stream: Stream) -> tuple[Clocks | None, list[Finding]]:
     if stepped:  # what it was until then
         is_before = stream.stamps_ns[order] <= stepped[0].moments[0].begin_ns
         offset = float(latencies[is_before].min())
+    rest = latencies - line.slope * line.is_straight * x
     found = Clocks(
         median,
         p99,
         base_s + offset,
         1e6 * line.slope if line.is_straight else math.nan,
         1e6 * line.uncertainty if line.is_straight else math.nan,
-        spread(latencies - line.slope * line.is_straight * x),
+        spread(rest),
         line.is_straight,
     )
-    return found, [*_findings(stream, found), *stepped]
+    findings = [*_findings(stream, found), *stepped]
+    if not abs(found.drift_ppm) > REPLAYED_PPM:
+        findings += _late(stream, rest[np.argsort(order)])
+    return found, findings
 
 
 def fit(x: np.ndarray, y: np.ndarray) -> Line:
@@ -196,6 +202,27 @@ def _step(
 
 def _moment(stream: Stream, order: np.ndarray, at: int) -> Moment:
     return stream.moment(int(order[at]), int(order[at + 1]))
+
+
+def _late(stream: Stream, latencies: np.ndarray) -> Iterator[Finding]:
+    """Yield what was held up on its way: messages that are late, between others that are not."""
+    assert stream.stamps_ns is not None
+    late = latencies - np.median(latencies)
+    period_s = float(np.median(np.diff(np.sort(stream.stamps_ns)))) / 1e9 if len(late) > 1 else 0.0
+    limit = max(HELD_S, HELD_PERIODS * period_s, HELD_SPREADS * spread(late))
+    begins, ends = runs(late > limit)
+    # a clock that was set does not catch up, and a stamp that is too early is not late
+    is_held = (begins > 0) & (ends < len(late))
+    is_held &= stream.stamps_ns[begins] >= stream.stamps_ns[begins - 1]
+    begins, ends = begins[is_held], ends[is_held]
+    if len(begins):
+        held = np.concatenate([late[k:end] for k, end in zip(begins, ends, strict=True)])
+        count, largest = len(held), float(held.max())
+        yield Finding(
+            'late_arrival', stream.topic, 'warn' if stream.is_sensor else 'info',
+            f'{are(count, "message")} recorded late, by up to {largest:.3g} s',
+            count, largest, 's', stream.moments(begins - 1, begins),
+        )  # fmt: skip
 
 
 def _findings(stream: Stream, found: Clocks) -> Iterator[Finding]:

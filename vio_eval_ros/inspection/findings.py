@@ -28,6 +28,7 @@ CURES = {
     'clock_drift': 'synchronise the clocks (PTP), or correct the stamps by the drift',
     'clock_step': 'do not set clocks while recording: let NTP or PTP slew them',
     'clock_offset': 'synchronise the clocks; compare stamps with stamps only',
+    'late_arrival': 'find what held them up (disk, processor, bus): live, they come as late',
     'replayed': 'nothing, where it was recorded from a simulation or a replay',
     # several streams
     'unsynchronised': 'trigger the cameras together; drop frames that have no partner',

@@ -134,8 +134,11 @@ def _stuck(numbers: np.ndarray) -> list[Stuck]:
         if not numbers[:, GYRO if axis < 3 else ACCEL].any():
             continue
         begins, ends = _repeats(numbers, axes, STUCK_AXIS, ALL)
+        is_cut = _cut_off(numbers[:, axis]) if len(begins) else np.zeros(len(numbers), bool)
         new = [
-            end == len(numbers) and not any(_within(begin, one) for one in found)
+            end == len(numbers)
+            and not is_cut[begin]
+            and not any(_within(begin, one) for one in found)
             for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)
         ]
         found.append((axes, begins[new], ends[new]))

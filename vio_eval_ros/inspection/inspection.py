@@ -84,7 +84,7 @@ def inspect(streams: Sequence[Stream], left_out: Sequence[str] = ()) -> Inspecti
     sensors = [e for e in examined if e.stream.is_sensor and e.is_timed]
     common = _common(sensors)
     ratio, slow = _rates(sensors)
-    findings = [_alone(finding, examined) for finding in findings]
+    findings = [_together(_alone(finding, examined), examined) for finding in findings]
     findings += [*found, *_spans(examined), *_clocks_differ(sensors, common is not None), *slow]
     return Inspection(examined, silent, together, worst_first(findings), common, ratio)
 
@@ -137,6 +137,24 @@ def _alone(finding: Finding, examined: Sequence[Examined]) -> Finding:
         name='clock_drift',
         level='warn',
         message=f'{finding.message}, but other streams do not',
+    )
+
+
+def _together(finding: Finding, examined: Sequence[Examined]) -> Finding:
+    """Return what was held up with all else as what it is: the recorder's, not the sensor's."""
+    if finding.name != 'late_arrival':
+        return finding
+    others = [e.stream.arrivals_ns for e in examined if e.stream.topic != finding.topic]
+    arrivals_ns = np.sort(np.concatenate([np.empty(0, np.int64), *others]))
+    for moment in finding.moments:
+        begin_ns, end_ns = moment.logged_begin_ns, moment.logged_end_ns
+        # others stop a little later, and go on a little earlier
+        margin_ns = (end_ns - begin_ns) // 4
+        ends = np.searchsorted(arrivals_ns, [begin_ns + margin_ns, end_ns - margin_ns])
+        if ends[1] > ends[0]:
+            return finding
+    return replace(
+        finding, level='info', message=f'{finding.message}; nothing else was recorded meanwhile'
     )
 
 
