@@ -31,8 +31,9 @@ LAST, DIVERGED_TIMES = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4), 5.0
 GAP_INTERVALS = 5.0
 REGULAR, EVEN = 1.5, 1.1
 # of a stream with a rate, so many intervals are the shortest; and as fast does the body move in
-# its long intervals, at least, where it is not by its motion that poses are chosen
-HAS_RATE, AS_FAST, FEWEST_HOLES = 0.45, 0.75, 5
+# its long intervals, at least, or as chance has it, where it is not by its motion that poses are
+# chosen
+HAS_RATE, AS_FAST, CHANCE, FEWEST_HOLES = 0.45, 0.75, 3.0, 5
 GAP_PATH_TIMES, GAP_PATH_M = 3.0, 0.5
 LATE_START, EARLY_END = 0.25, 0.1
 
@@ -301,10 +302,10 @@ def missing_s(estimate: Trajectory, truth: Interpolator, gaps: list[Gap]) -> flo
     if poses.rotations is not None:
         moved.append(rotation.angle_between(poses.rotations[1:], poses.rotations[:-1]))
     for way in moved:
-        within, elsewhere = (
-            float(way[rows].sum() / intervals[rows].sum()) for rows in (hole, between & ~hole)
-        )
-        if within < AS_FAST * elsewhere:
+        within, elsewhere = (way[rows] / intervals[rows] for rows in (hole, between & ~hole))
+        slower = float(elsewhere.mean() - within.mean())
+        by_chance = CHANCE * float(within.std()) / math.sqrt(len(within))
+        if slower > max((1 - AS_FAST) * float(elsewhere.mean()), by_chance):
             return 0.0
     return float(np.sum(intervals[hole] - usual)) / 1e9
 
