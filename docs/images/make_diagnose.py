@@ -50,7 +50,7 @@ def said(run: SimulatedRun, name: str) -> str:
     """Return what the diagnosis says of a fault, which it must have found."""
     found = diagnose(run.estimate, run.ground_truth, CONFIG)
     cause = next(cause for cause in found.causes if cause.name == name)
-    spread = '' if math.isnan(cause.uncertainty) else f' ± {cause.uncertainty:.2g}'
+    spread = '' if math.isnan(cause.uncertainty) else f' ± {float(f"{cause.uncertainty:.2g}"):g}'
     value = '' if math.isnan(cause.value) else f'{cause.value:.4g}{spread} {cause.unit}'
     print(f'{name:<24} {value}')
     return name if cause.unit in ('', 'ratio') and not spread else f'{name}: {value}'
