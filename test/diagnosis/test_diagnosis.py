@@ -102,13 +102,23 @@ def test_clocks_that_started_apart_are_brought_together():
     assert found.causes[0].ate_after_m < 0.1
 
 
-def test_a_clock_that_drifts_is_told_from_one_that_is_off():
-    elapsed_ns = ESTIMATE.stamps_ns - ESTIMATE.stamps_ns[0]
+@pytest.mark.parametrize(
+    ('agreed', 'late_s', 'expected'),
+    [
+        (0, 0.0, {'clock_drift'}),
+        (600, 0.0, {'clock_drift'}),
+        (0, 0.1, {'time_offset', 'clock_drift'}),
+    ],
+)
+def test_a_clock_that_drifts_is_told_from_one_that_is_off(agreed, late_s, expected):
+    elapsed_ns = ESTIMATE.stamps_ns - ESTIMATE.stamps_ns[agreed]
     drifting = replace(ESTIMATE, stamps_ns=ESTIMATE.stamps_ns + elapsed_ns * 2 // 1000)
-    found = diagnosis_of(drifting)
-    assert set(names(found)) == {'time_offset', 'clock_drift'}
+    found = diagnosis_of(late(late_s, drifting))
+    assert set(names(found)) == expected
     drift = next(cause for cause in found.causes if cause.name == 'clock_drift')
     assert drift.value == pytest.approx(2000, abs=20)
+    apart_ns = found.corrected.stamps_ns - ESTIMATE.stamps_ns
+    assert np.abs(apart_ns).max() < 3e6
 
 
 @pytest.mark.parametrize('factor', [0.2, 0.9, 1.1, 5.0])

@@ -24,6 +24,7 @@ class Correction:
     :param convention: how the poses were written.
     :param offset_s: how late the stamps are.
     :param clock_drift: how much later they become, seconds a second.
+    :param agreed_ns: the stamp at which that is zero; None for the middle.
     :param outliers_ns: stamps, as received, of poses to leave out.
     :param diverged_ns: the stamp, as received, from which on all are left out.
     :param jumps: with stamps as received, in their order.
@@ -39,6 +40,7 @@ class Correction:
     convention: Convention = field(default_factory=Convention)
     offset_s: float = 0.0
     clock_drift: float = 0.0
+    agreed_ns: int | None = None
     outliers_ns: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
     diverged_ns: int | None = None
     jumps: tuple[Jump, ...] = ()
@@ -76,7 +78,8 @@ class Correction:
             turns = _about_z(-self.yaw_drift * elapsed)
             positions = _along(positions, None, turns)
             rotations = None if rotations is None else rotation.multiply(turns, rotations)
-        stamps_ns = true_stamps(poses.stamps_ns, self.middle_ns, self.offset_s, self.clock_drift)
+        agreed_ns = self.middle_ns if self.agreed_ns is None else self.agreed_ns
+        stamps_ns = true_stamps(poses.stamps_ns, agreed_ns, self.offset_s, self.clock_drift)
         kept = ~np.isin(received.stamps_ns, self.outliers_ns)
         if self.diverged_ns is not None:
             kept &= received.stamps_ns < self.diverged_ns
@@ -90,7 +93,7 @@ PARTS: dict[str, tuple[str, ...]] = {
     'pose_inverted': ('convention',),
     'axes_swapped': ('convention',),
     'time_offset': ('offset_s',),
-    'clock_drift': ('clock_drift',),
+    'clock_drift': ('clock_drift', 'agreed_ns'),
     'outliers': ('outliers_ns',),
     'diverged': ('diverged_ns',),
     'jump': ('jumps',),

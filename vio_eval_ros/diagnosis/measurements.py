@@ -177,12 +177,15 @@ class _Found:
     def clock(self, lag: Lag) -> None:
         """Offset and drift of the stamps."""
         offset, drift = _clock(self._run, lag)
+        agreed_ns, at_first = None, _in_the_beginning(self._run, offset, drift)
+        if drift.unusual and at_first.told and not at_first.beyond_doubt:
+            offset, agreed_ns = at_first, int(self._run.estimate.stamps_ns[0])
         disagree = offset.unusual and _contradicted(self._run, self.correction, lag)
         if disagree:  # positions and orientations are of different moments: which are right?
             offset, drift = (_untold(one) for one in (offset, drift))
         self.findings['positions_contradict_offset'] = disagree
-        self._note(offset, offset_s=lag.offset_s)
-        self._note(drift, clock_drift=lag.drift)
+        self._note(offset, offset_s=offset.value)
+        self._note(drift, clock_drift=lag.drift, agreed_ns=agreed_ns)
 
     def breaks(self, lag: Lag) -> None:
         """Outliers, divergence, and the jumps that made the run worse."""
@@ -307,6 +310,17 @@ def _clock(run: Run, lag: Lag) -> list[Measurement]:
             1e6 * CLOCK_S / run.half_s,
         ),
     ]
+
+
+def _in_the_beginning(run: Run, offset: Measurement, drift: Measurement) -> Measurement:
+    """Return the offset at the first stamp, at which clocks that drift may have agreed."""
+    return Measurement.of(
+        offset.name,
+        offset.value - 1e-6 * drift.value * run.half_s,
+        offset.unit,
+        math.hypot(offset.uncertainty, 1e-6 * drift.uncertainty * run.half_s),
+        offset.healthy,
+    )
 
 
 def _certain(name: str, value: float, unit: str, healthy: float = 0.0) -> Measurement:
