@@ -393,6 +393,10 @@ def test_a_heading_that_runs_away_is_measured():
     assert names(found) == ['yaw_drift']
     usual = HEALTHY.findings['yaw_drift']['value']
     assert found.causes[0].value == pytest.approx(20 + usual, abs=1.0)
+    path_m = np.linalg.norm(np.diff(TRUTH.positions, axis=0), axis=1).sum()
+    per_m = found.causes[0].value * 1 / path_m  # in a minute
+    assert found.findings['yaw_drift_deg_per_m'] == pytest.approx(per_m, rel=0.02)
+    assert f'{per_m:.2g} deg a metre' in found.causes[0].evidence
 
 
 def test_a_scale_that_grows_along_the_run_is_measured():

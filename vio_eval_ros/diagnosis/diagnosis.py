@@ -352,6 +352,8 @@ def _evidence(one: Named, measured: Measured) -> str:
         jumps = [jump for jump in measured.findings['jumps'] if jump['harmful']]
         turn_deg = max(jump['turn_deg'] for jump in jumps)
         found += f', turned by up to {turn_deg:.1f} deg' if turn_deg else ''
+    if one.name == 'yaw_drift':
+        found += f', {measured.findings["yaw_drift_deg_per_m"]:.2g} deg a metre'
     if one.error:
         error, _, unit = one.error.rstrip(']').partition(' [')
         change = f'from {one.before:.3g} to {one.after:.3g} {unit}'

@@ -6,7 +6,10 @@ from dataclasses import dataclass, replace
 import math
 from typing import Any
 
+import numpy as np
+
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.rotation import lengths
 from vio_eval_ros.diagnosis.breaks import find_breaks, find_gaps, Jump, missing_s
 from vio_eval_ros.diagnosis.clocks import fit_lag, Lag, speed_peak
 from vio_eval_ros.diagnosis.conventions import candidates, find_convention, Finding
@@ -254,13 +257,17 @@ class _Found:
 
     def world(self) -> None:
         """Tilt of the estimate's world, and how its heading runs away."""
-        world = fit_world(self._run.pairs(self.correction))
+        pairs = self._run.pairs(self.correction)
+        world = fit_world(pairs)
         tilt, yaw = _world(self._run, world)
         upright = math.degrees(world.tilt_rad.value) < UPRIGHT_DEG
         if not upright:  # and was never meant to be: neither can be told of such a world
             tilt, yaw = _untold(tilt), _untold(yaw)
         self._note(tilt, level=world.level)
         self._note(yaw, yaw_drift=world.yaw_drift.value)
+        path_m = float(lengths(np.diff(pairs.ground_truth.positions, axis=0)).sum())
+        minutes = float(np.ptp(pairs.estimate.stamps_ns)) / 60e9 if path_m else math.nan
+        self.findings['yaw_drift_deg_per_m'] = yaw.value * minutes / (path_m or math.nan)
         self.findings['world_upright'] = upright
         self.findings['level_xyzw'] = world.level.tolist()
 
