@@ -333,6 +333,21 @@ def test_a_recorder_that_stalls_with_all_topics_is_no_fault_of_a_sensor(rig):
     assert 'nothing else was recorded meanwhile' in inspection.findings[0].message
 
 
+def test_a_stall_stands_out_of_hours_of_drift():
+    stamps_ns = FIRST_NS + np.arange(36_000) * 200_000_000
+    logged_ns = stamps_ns + 5_000_000 + (stamps_ns - FIRST_NS) // 10_000
+    drifting = Stream('/cam', IMAGE, 'camera', logged_ns, stamps_ns, {})
+    names = {one.name for one in inspect([stalled(drifting, 5000, 5002.5)]).findings}
+    assert names == {'clock_drift', 'late_arrival'}
+
+
+def test_a_replay_that_halts_is_no_stall_of_a_sensor(rig):
+    twice = replace(rig['imu'], logged_ns=rig['imu'].logged_ns // 2)
+    inspection = inspect([stalled(twice, 5, 6)])
+    assert 'replayed' in {one.name for one in inspection.findings}
+    assert 'late_arrival' not in {one.name for one in inspection.findings}
+
+
 @pytest.mark.parametrize('batch_s', [0.02, 0.4, 2.0])
 def test_messages_that_are_always_recorded_in_batches_are_not_late(rig, batch_s):
     batch_ns = round(1e9 * batch_s)
