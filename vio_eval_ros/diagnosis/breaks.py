@@ -17,6 +17,8 @@ from vio_eval_ros.diagnosis.fitting import horizon, robust_similarity
 from vio_eval_ros.diagnosis.interpolation import Interpolator
 
 REACH = 5
+# of a large displacement, what is taken for one
+MOVES = 0.2
 # A VIO corrects itself by centimetres from frame to frame; what is named is clearly more.
 OUTLIER_M, OUTLIER_TIMES = 0.2, 15.0
 JUMP_M, JUMP_TIMES, JUMP_OVER_NEIGHBOURS = 0.12, 10.0, 3.0
@@ -29,7 +31,7 @@ DIVERGED_EXTENTS, DIVERGED_M = 1.0, 1.0
 # the last shares of a run that are compared with the drift over as long elsewhere in it
 LAST, DIVERGED_TIMES = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4), 5.0
 GAP_INTERVALS = 5.0
-REGULAR, EVEN = 1.5, 1.1
+REGULAR = 1.5
 # of a stream with a rate, so many intervals are the shortest; and as fast does the body move in
 # its long intervals, at least, or as chance has it, where it is not by its motion that poses are
 # chosen
@@ -128,9 +130,11 @@ def find_breaks(pairs: Pairs, received_ns: np.ndarray, sensor: np.ndarray) -> Br
     for jump in turns.values():
         positions, _ = jump.undo(received_ns, positions, None)
     truth = pairs.ground_truth.positions
-    turn, scale, _ = robust_similarity(
-        positions[end] - positions[begin], truth[end] - truth[begin], True
-    )
+    moved = truth[end] - truth[begin]
+    size = lengths(moved)  # at rest there is only noise, which has another scale
+    moves = size >= MOVES * np.quantile(size, 0.95)
+    begin, end, moved = begin[moves], end[moves], moved[moves]
+    turn, scale, _ = robust_similarity(positions[end] - positions[begin], moved, True)
     errors = scale * positions @ turn.T - truth
     errors -= np.median(errors, axis=0)
 
@@ -290,19 +294,24 @@ def missing_s(estimate: Trajectory, truth: Interpolator, gaps: list[Gap]) -> flo
     Keyframes are chosen by how far the camera has moved or turned, so that it does so slowly in
     their long intervals; whether a pose is lost does not depend on that, or it moves faster then.
     """
-    intervals = np.diff(estimate.stamps_ns)
-    shortest, longer = np.quantile(intervals, [0.05, HAS_RATE])
-    usual = float(np.median(intervals[intervals <= REGULAR * shortest]))
-    between = ~np.isin(estimate.stamps_ns[:-1], [gap.begin_ns for gap in gaps])
-    hole = between & (intervals > REGULAR * usual)
-    if longer > EVEN * shortest or np.count_nonzero(hole) < FEWEST_HOLES:
+    stamps_ns = estimate.stamps_ns
+    inside = truth.inside(stamps_ns)
+    between = inside[:-1] & inside[1:]
+    between &= ~np.isin(stamps_ns[:-1], [gap.begin_ns for gap in gaps])
+    intervals = np.diff(stamps_ns)[between]
+    if not len(intervals):
         return 0.0
-    poses = truth.at(estimate.stamps_ns)
+    usual = float(np.median(intervals[intervals <= REGULAR * np.quantile(intervals, 0.05)]))
+    hole = intervals > REGULAR * usual
+    if hole.mean() > 1 - HAS_RATE or np.count_nonzero(hole) < FEWEST_HOLES:
+        return 0.0
+    poses = truth.at(stamps_ns)
     moved = [lengths(np.diff(poses.positions, axis=0))]
     if poses.rotations is not None:
         moved.append(rotation.angle_between(poses.rotations[1:], poses.rotations[:-1]))
     for way in moved:
-        within, elsewhere = (way[rows] / intervals[rows] for rows in (hole, between & ~hole))
+        speed = way[between] / intervals
+        within, elsewhere = speed[hole], speed[~hole]
         slower = float(elsewhere.mean() - within.mean())
         by_chance = CHANCE * float(within.std()) / math.sqrt(len(within))
         if slower > max((1 - AS_FAST) * float(elsewhere.mean()), by_chance):
@@ -338,4 +347,9 @@ def find_gaps(estimate: Trajectory, truth: Trajectory, max_gap_s: float) -> list
     if stamps_ns[0] - known_ns[0] > LATE_START * duration_ns:
         gaps.insert(0, Gap(int(known_ns[0]), int(stamps_ns[0])))
     # only where there is truth to tell
-    return [gap for gap in gaps if gap.end_ns > known_ns[0] and gap.begin_ns < known_ns[-1]]
+    first_ns, last_ns = int(known_ns[0]), int(known_ns[-1])
+    return [
+        Gap(max(gap.begin_ns, first_ns), min(gap.end_ns, last_ns))
+        for gap in gaps
+        if gap.end_ns > first_ns and gap.begin_ns < last_ns
+    ]

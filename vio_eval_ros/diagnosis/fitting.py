@@ -12,9 +12,9 @@ from vio_eval_ros.core.association import nearest
 from vio_eval_ros.core.rotation import lengths
 
 ITERATIONS = 12
-BLOCKS = 6
-# of Student's distribution with as many degrees of freedom as blocks less one, two-sided
-T_95 = 2.571
+# How uncertain a fit is, the scatter of so many blocks of the run tells: by Student's distribution
+# with one degree of freedom less, of which 95 % are within this
+BLOCKS, FREEDOM, T_95 = 6, 5, 2.571
 TINY = 1e-12
 # a block that alone speaks of a direction does not leave it without any weight
 ALMOST = 1 - 1e-9
@@ -24,11 +24,11 @@ UNKNOWN = 1e-8
 
 def student(t: float) -> float:
     """
-    Return the cumulative distribution of Student's t with BLOCKS - 1 = 5 degrees of freedom.
+    Return the cumulative distribution of Student's t with five degrees of freedom.
 
     Abramowitz and Stegun, Handbook of Mathematical Functions, 26.7.3.
     """
-    angle = math.atan(t / math.sqrt(BLOCKS - 1))
+    angle = math.atan(t / math.sqrt(FREEDOM))
     sine, cosine = math.sin(angle), math.cos(angle)
     return 0.5 + (angle + sine * cosine * (1 + 2 * cosine**2 / 3)) / math.pi
 
@@ -146,21 +146,49 @@ def least_squares(
         if iterate:
             weights = robust_weights(residuals)
         noise = _noise(residuals, weights)
-    # how much the solution changes without each of the blocks
+    # How much the solution changes without each of the blocks, and more since weights would have
+    # followed the residuals: the slope of w r is w (1 - 4u²/D(1 + u²)) in the mean, less than w
+    steep = weights * (1 - 4 * (1 - np.sqrt(weights)) / target.shape[1])
+    follow = float(weights.sum()) / max(float(steep.sum()), TINY)
     changes = []
     for rows in np.array_split(np.arange(len(target)), BLOCKS):
         rest = information - ALMOST * np.einsum('mdp,mdq->pq', weighted[rows], design[rows])
         pull = np.einsum('mdp,md->p', weighted[rows], residuals[rows])
         changes.append(np.linalg.solve(rest, pull))
     apart = np.array(changes) - np.mean(changes, axis=0)
-    spread = (BLOCKS - 1) / BLOCKS * apart.T @ apart
-    covariance = spread + noise * np.linalg.inv(information)
-    return Fit(values, covariance, weights, residuals)
+    spread = follow**2 * (BLOCKS - 1) / BLOCKS * apart.T @ apart
+    untold = noise * np.linalg.inv(information) / prior
+    return Fit(values, spread + untold @ untold.T, weights, residuals)
+
+
+def fit_slope(along: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+    """
+    Return the slope of what walks at random, and half the width of its 95 % interval.
+
+    The error of an odometry does: poses err alike over all of a run, but by how much the error
+    changes from pose to pose does not. With x about its mean the slope of values over x is off by
+    Σ cₖ·Δeₖ, where cₖ is the sum of x / Σ|x|² from k on. How uncertain that is, the scatter of
+    parts of this sum tells, each of which tells as much of the slope.
+
+    :param along: (N, D) x.
+    :param values: (N, D).
+    """
+    along, values = along - along.mean(axis=0), values - values.mean(axis=0)
+    total = float(np.sum(along**2))
+    if not total > 0:
+        return math.nan, math.inf
+    slope = float(np.sum(along * values)) / total
+    behind = np.cumsum(along[:0:-1], axis=0)[::-1] / total
+    pulls = np.sum(behind * np.diff(values - slope * along, axis=0), axis=1)
+    told = np.cumsum(np.abs(np.sum(behind * np.diff(along, axis=0), axis=1)))
+    edges = np.searchsorted(told, told[-1] * np.arange(1, BLOCKS) / BLOCKS)
+    square = sum(float(part.sum()) ** 2 for part in np.split(pulls, edges))
+    return slope, T_95 * math.sqrt(BLOCKS / (BLOCKS - 1) * square)
 
 
 def _noise(residuals: np.ndarray, weights: np.ndarray) -> float:
     """Return the variance of a residual, with a floor that keeps the arithmetic finite."""
-    total = float(weights.sum())
+    total = float(weights.sum()) * residuals.shape[1]
     return float(np.sum(weights[:, None] * residuals**2)) / max(total, TINY) + TINY
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import reduce
 import math
 
 import numpy as np
@@ -14,6 +13,7 @@ from vio_eval_ros.core.trajectory import Pairs
 from vio_eval_ros.diagnosis.fitting import (
     BLOCKS,
     Fit,
+    fit_slope,
     horizon,
     least_squares,
     mean_rotation,
@@ -103,33 +103,17 @@ def _worst(fit: Fit, rows: slice) -> float:
 
 def fit_scale(pairs: Pairs) -> Estimated:
     """
-    Return estimated over true length under the similarity that aligns all positions best.
+    Return estimated over true length, turned as the similarity that aligns all positions best.
 
-    The error of an odometry walks at random: poses err alike over all of a run, but by how much
-    the error changes from pose to pose does not. With true positions g about their mean, the scale
-    is off by Σ cₖ·Δeₖ, where cₖ is the sum of g / Σ|g|² from k on. How much parts of this sum
-    vary tells the uncertainty.
+    It is the slope of the estimate over the truth, which has the smaller errors: those of the
+    estimate make the scale of that similarity smaller, which is the other slope.
     """
     aligned = solve('sim3', Moments.of(pairs), pairs[:1])
     if len(pairs) < 2 * BLOCKS or not aligned.scale > 0:
         return Estimated.unknown(1.0)
-    truth = pairs.ground_truth.positions
-    errors = aligned.scale * rotation.rotate(aligned.rotation, pairs.estimate.positions) - truth
-    lever = truth - truth.mean(axis=0)
-    behind = np.cumsum(lever[:0:-1], axis=0)[::-1] / np.sum(lever**2)
-    pulls = np.sum(behind * np.diff(errors, axis=0), axis=1)
-    parts = np.array([part.sum() for part in np.array_split(pulls, BLOCKS)])
-    spread = T_95 * math.sqrt(BLOCKS / (BLOCKS - 1) * float(np.sum(parts**2)))
-    return Estimated(1 / aligned.scale, spread / aligned.scale)
-
-
-def _jackknife(pairs: Pairs) -> list[Moments]:
-    """Return the moments of all pairs, and of all but each of the parts of the run."""
-    parts = [Moments.of(pairs[rows]) for rows in np.array_split(np.arange(len(pairs)), BLOCKS)]
-    return [
-        reduce(Moments.merge, (part for k, part in enumerate(parts) if k != left_out))
-        for left_out in (None, *range(BLOCKS))
-    ]
+    turned = rotation.rotate(aligned.rotation, pairs.estimate.positions)
+    scale, uncertainty = fit_slope(pairs.ground_truth.positions, turned)
+    return Estimated(scale, uncertainty) if scale > 0 else Estimated.unknown(1.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -169,34 +153,22 @@ def fit_world(pairs: Pairs) -> World:
     return World(
         level,
         Estimated(tilt, T_95 * spread),
-        Estimated(
-            -float(yaw.values[1]) / half_s,
-            max(yaw.uncertainty(1) / half_s, _unsteadiness(seconds, errors[:, 2])),
-        ),
+        Estimated(-float(yaw.values[1]) / half_s, fit_slope(seconds[:, None], errors[:, 2:])[1]),
     )
 
 
-def _unsteadiness(seconds: np.ndarray, angles: np.ndarray) -> float:
-    """
-    Return half the width of the 95 % interval of a rate, from how much it differs along the run.
-
-    A heading that only walks at random has a slope as well, in the end, but no steady one.
-    """
-    parts = np.array_split(np.arange(len(seconds)), BLOCKS)
-    at, angle = (np.array([column[rows].mean() for rows in parts]) for column in (seconds, angles))
-    rates = np.diff(angle) / np.diff(at)
-    return T_95 * float(np.std(rates, ddof=1)) / math.sqrt(len(rates))
-
-
 def _world_of_positions(pairs: Pairs) -> World:
-    parts = _jackknife(pairs) if len(pairs) >= 2 * BLOCKS else []
-    aligned = [solve('sim3', moments, pairs[:1]) for moments in parts]
-    if not aligned or not all(one.observable for one in aligned):
+    """Return the tilt that the alignment of the positions has; the yaw drift is unknown."""
+    aligned = solve('sim3', Moments.of(pairs), pairs[:1])
+    if len(pairs) < 2 * BLOCKS or not aligned.observable:
         return World(np.array([0.0, 0.0, 0.0, 1.0]), Estimated.unknown(), Estimated.unknown())
-    level, tilt = _levelling(aligned[0].rotation)
-    ups = np.array([rotation.rotate(rotation.conjugate(one.rotation), UP) for one in aligned[1:]])
-    spread = math.sqrt((BLOCKS - 1) * float(np.var(ups, axis=0).sum()))
-    return World(level, Estimated(tilt, T_95 * spread), Estimated.unknown())
+    level, tilt = _levelling(aligned.rotation)
+    truth = pairs.ground_truth.positions
+    turned = rotation.rotate(aligned.rotation, pairs.estimate.positions)
+    errors = aligned.scale * turned - truth
+    # turning about a level axis a moves positions g along a x g
+    spreads = (fit_slope(np.cross(axis, truth), errors)[1] for axis in np.eye(3)[:2])
+    return World(level, Estimated(tilt, math.hypot(*spreads)), Estimated.unknown())
 
 
 def _levelling(world: np.ndarray) -> tuple[np.ndarray, float]:

@@ -13,7 +13,6 @@ from vio_eval_ros.diagnosis.fitting import horizon
 from vio_eval_ros.diagnosis.run import Run
 
 STILL_M, STILL_RAD = 0.05, math.radians(5.0)
-STATIC_SHARE = 0.5
 MOVES_M, SURELY_MOVES_M = 0.2, 1.0
 # for how long a position is repeated where it is not measured any more
 FROZEN_S, FROZEN_SHARE, FROZEN_LEAST_S = 5.0, 0.05, 1.0
@@ -40,31 +39,6 @@ def stands_still(poses: Trajectory, metres: float = STILL_M) -> bool:
 def stays(poses: Trajectory, metres: float = STILL_M) -> bool:
     """Return whether a trajectory moves no further than this, however it turns."""
     return _extent(poses) < metres
-
-
-def truth_is_static(run: Run) -> bool:
-    """
-    Return whether the truth stays where it is while the estimate moves on.
-
-    It does where most of it repeats the pose before, and where all of it lies within its noise.
-    """
-    if stays(run.truth) and not stays(run.estimate, SURELY_MOVES_M):
-        return True
-    repeats = ~np.diff(run.truth.positions, axis=0).any(axis=1)
-    intervals = np.diff(run.truth.stamps_ns)
-    # a truth that is published faster than it is measured repeats itself, but not for long
-    stands = intervals[repeats].sum() > STATIC_SHARE * intervals.sum()
-    if not stands or _extent(run.estimate) < MOVES_M:
-        return False
-    changes = np.flatnonzero(~repeats)
-    runs = np.diff(
-        np.concatenate([[0], run.truth.stamps_ns[changes + 1] - run.truth.stamps_ns[0]])
-    )
-    longest_ns = max(
-        int(runs.max(initial=0)),
-        int(run.truth.stamps_ns[-1] - run.truth.stamps_ns[changes[-1] if len(changes) else 0]),
-    )
-    return longest_ns > STATIC_SHARE * float(intervals.sum())
 
 
 def interpolated_over_s(truth: Trajectory) -> float | None:

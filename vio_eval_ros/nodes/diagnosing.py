@@ -68,7 +68,7 @@ class Diagnosing:
             run = Run(pairs.estimate, pairs.ground_truth, self._config)
             self.latest, self.pairs, self.problem = diagnose_run(run), len(pairs), ''
         except NoPairs:
-            self.latest = None
+            self.latest, self.pairs, self.problem = None, 0, ''
         except Exception as error:  # the evaluation must go on
             self.problem = f'{type(error).__name__}: {error}'
         busy_s = time.thread_time() - busy_s
