@@ -107,7 +107,8 @@ def flags(name: str, correction: Correction, config: EvaluationConfig) -> tuple[
         return '--alignment', 'se3'
     if name == 'quaternion_order':
         w_first = correction.convention.quaternion[0] == 1
-        return (f'?quaternion={"wxyz" if w_first else "xyzw"}',)
+        inverse = '&invert=rotation' * correction.convention.conjugate
+        return (f'?quaternion={"wxyz" if w_first else "xyzw"}{inverse}',)
     return (STATEMENTS[name],) if name in STATEMENTS else ()
 
 

@@ -146,7 +146,7 @@ def find_breaks(pairs: Pairs, received_ns: np.ndarray, sensor: np.ndarray) -> Br
         away = kept[there.row + 1 : back.row + 1]
         outliers[away], off[away] = True, float(np.linalg.norm(there.step))
         steps = [step for step in steps if step not in (there, back)]
-    jumps = dict(turns)
+    jumps, stepping = dict(turns), errors.copy()
     for step in steps:
         first = int(kept[step.row + 1])
         errors[first:] -= step.step
@@ -154,11 +154,14 @@ def find_breaks(pairs: Pairs, received_ns: np.ndarray, sensor: np.ndarray) -> Br
         also = jumps.get(first, Jump(int(received_ns[first]), (0.0, 0.0, 0.0)))
         moved = float(x), float(y), float(z)
         jumps[first] = replace(also, step=moved, clear=also.clear or step.clear)
+    kept = np.flatnonzero(~outliers)
+    # what is gone without its steps, and with them, which may take it back
+    gone = [_diverged(each[kept], truth[kept]) for each in (errors, stepping)]
     return Breaks(
         received_ns[outliers],
         float(np.median(off[outliers])) if outliers.any() else math.nan,
         tuple(jumps[first] for first in sorted(jumps)),
-        _diverged(errors[~outliers], truth[~outliers], received_ns[~outliers]),
+        None if gone[0] is None or gone[1] is None else int(received_ns[kept[gone[0]]]),
     )
 
 
@@ -176,11 +179,13 @@ def _turns(pairs: Pairs, received_ns: np.ndarray, sensor: np.ndarray) -> dict[in
     intervals = np.diff(pairs.estimate.stamps_ns)
     size = lengths(steps) / np.sqrt(np.maximum(intervals / np.median(intervals), 1))
     found = {}
-    for k in np.flatnonzero(size > max(JUMP_RAD, JUMP_TIMES * np.quantile(size, 0.9))).tolist():
+    far = size > max(JUMP_RAD, JUMP_TIMES * np.quantile(size, 0.9))
+    far[: REACH - 1] = far[len(far) - REACH + 1 :] = False  # what stays cannot be told from a few
+    for k in np.flatnonzero(far).tolist():
         back = rotation.conjugate(worlds[k])
         before, after = (
             np.median(rotation.to_rotation_vector(rotation.multiply(side, back)), axis=0)
-            for side in (worlds[max(k - REACH + 1, 0) : k + 1], worlds[k + 1 : k + 1 + REACH])
+            for side in (worlds[k - REACH + 1 : k + 1], worlds[k + 1 : k + 1 + REACH])
         )
         lasting = after - before
         if lasting @ steps[k] > 0.5 * size[k] ** 2:
@@ -193,9 +198,8 @@ def _turns(pairs: Pairs, received_ns: np.ndarray, sensor: np.ndarray) -> dict[in
 
 
 def _running_median(errors: np.ndarray) -> np.ndarray:
-    """Return (N, 3) medians of each sample and REACH on either side."""
-    ends = np.repeat(errors[:1], REACH, axis=0), np.repeat(errors[-1:], REACH, axis=0)
-    padded = np.concatenate([ends[0], errors, ends[1]])
+    """Return (N, 3) medians of each sample and REACH on either side, mirrored at the ends."""
+    padded = np.pad(errors, ((REACH, REACH), (0, 0)), 'reflect')
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * REACH + 1, axis=0)
     return np.asarray(np.median(windows, axis=-1))
 
@@ -252,10 +256,10 @@ def _around(k: int, count: int) -> np.ndarray:
     return np.asarray(near[near != k])
 
 
-def _diverged(errors: np.ndarray, truth: np.ndarray, stamps_ns: np.ndarray) -> int | None:
-    """Return from when on the estimate has flown away, if it has: it never comes back."""
+def _diverged(errors: np.ndarray, truth: np.ndarray) -> int | None:
+    """Return from which sample on the estimate has flown away, if it never comes back."""
     firsts = [first for first in (_gone(errors, truth), _flying(errors)) if first is not None]
-    return int(stamps_ns[min(firsts)]) if firsts else None
+    return min(firsts, default=None)
 
 
 def _gone(errors: np.ndarray, truth: np.ndarray) -> int | None:
@@ -279,7 +283,9 @@ def _flying(errors: np.ndarray) -> int | None:
             continue
         changes = lengths(errors[count:] - errors[:-count])
         usual = float(changes[: len(errors) - 2 * count].max())
-        if changes[-1] > max(best * usual, DIVERGED_M):
+        # from where it was all the time before: else it has come back
+        away = float(lengths(errors[:-count] - errors[-1]).min())
+        if min(changes[-1], away) > max(best * usual, DIVERGED_M):
             best = float(changes[-1]) / usual
             near = lengths(errors[-count:] - errors[-count - 1]) <= usual
             found = len(errors) - count + int(np.flatnonzero(near)[-1] + 1 if near.any() else 0)

@@ -72,11 +72,13 @@ def candidates() -> list[Convention]:
         Convention(),
         Convention('quaternion_conjugated', conjugate=True),
         Convention('pose_inverted', inverse=True),
-        Convention(
-            'quaternion_order', 'w was read as x: the source has w first', tuple(W_LAST)
-        ),
-        Convention(
-            'quaternion_order', 'x was read as w: the source has w last', tuple(W_FIRST)
+        *(
+            Convention('quaternion_order', detail + also, tuple(order), conjugate=bool(also))
+            for also in ('', ', and its rotations are inverse')
+            for detail, order in (
+                ('w was read as x: the source has w first', W_LAST),
+                ('x was read as w: the source has w last', W_FIRST),
+            )
         ),
         *(
             Convention(
@@ -157,6 +159,9 @@ def find_convention(estimate: Trajectory, truth: Interpolator, lag_s: float) -> 
         return Finding(_swapped(axes), mirrored.strayed, as_is.strayed, of_truth)
     if as_is.strayed < CLEARLY and as_is.apart_rad > ALIGNED_RAD:
         axes, left_rad, of_truth = as_is.axes()
+        _, chosen, fit = _least_strange(fitted, limit)
+        if fit.turn_rad + fit.apart_rad < as_is.turn_rad + left_rad - ALIGNED_RAD:
+            return Finding(candidates()[chosen], fit.strangeness, as_is.strangeness)
         if not np.array_equal(axes, np.eye(3)) and left_rad < ALIGNED_RAD:
             return Finding(_swapped(axes), left_rad, as_is.apart_rad, of_truth)
     return Finding(Convention(), as_is.misfit, as_is.misfit)

@@ -18,10 +18,11 @@ from vio_eval_ros.diagnosis.correlation import Peak
 from vio_eval_ros.diagnosis.fitting import student, T_95
 from vio_eval_ros.diagnosis.geometry import Body, fit_body, fit_scale, fit_world, World
 from vio_eval_ros.diagnosis.inputs import interpolated_over_s
-from vio_eval_ros.diagnosis.run import IMPROVEMENT, improvement, Run
+from vio_eval_ros.diagnosis.run import FEWEST_POSES, IMPROVEMENT, improvement, Run
+from vio_eval_ros.errors import NoPairs
 
 # What healthy runs show, with room: beyond these a parameter is suspicious. A stamp within 5 ms
-# costs nothing; stereo and IMU know the scale to 1 or 2 %, a calibration the turn of a sensor to
+# costs nothing; stereo and IMU know the scale to 1 to 3 %, a calibration the turn of a sensor to
 # a few tenths of a degree; gravity is seen to half a degree, while the heading walks by some
 # degrees a minute. Positions alone tell the offset less well.
 OFFSET_S = 0.005
@@ -29,7 +30,7 @@ CLOCK_S = 0.01  # at either end of the run
 TURN_DEG = 1.0
 LEVER_M = 0.04
 TILT_DEG = 1.5
-SCALE = math.log(1.024)
+SCALE = math.log(1.03)
 SCALE_DRIFT = 0.05  # at either end of the run
 YAW_DEG_PER_MIN = 8.0
 YAW_DEG = 5.0  # over the run
@@ -142,6 +143,11 @@ def measure(run: Run) -> Measured:
         'next_peak': peak.rival,
     }
     found.clock(lag)
+    if len(run.pairs(found.correction)) < FEWEST_POSES:
+        raise NoPairs(
+            'the two sides have no time in common, and their motions do not tell how far their '
+            'clocks are apart: are they of the same run?'
+        )
     found.breaks(lag)
     found.gaps()
     drift = found.body(lag)
@@ -407,7 +413,9 @@ def _scale(run: Run, correction: Correction) -> Measurement:
         scale.uncertainty,
         SCALE,
         abs(math.log(scale.value)),
-        scale.uncertainty / scale.value,
+        -math.log1p(-scale.uncertainty / scale.value)
+        if scale.uncertainty < scale.value
+        else math.inf,
     )
 
 
