@@ -649,10 +649,20 @@ def test_an_offset_of_the_orientations_alone_is_not_named():
     truth = replace(TRUTH, rotations=np.roll(TRUTH.rotations, -10, axis=0))[:-10]
     found = diagnose(ESTIMATE, truth, CONFIG)
     assert found.findings['time_offset']['value'] == pytest.approx(0.05, abs=1e-3)
-    assert found.findings['positions_contradict_offset']
+    assert found.findings['positions_late_s'] == pytest.approx(-0.05, rel=0.2)
     assert names(found) == []
     assert {'time_offset', 'lever_arm'} <= set(found.cannot_tell)
-    assert not HEALTHY.findings['positions_contradict_offset']
+    assert HEALTHY.findings['positions_late_s'] is None
+
+
+@pytest.mark.parametrize('late_s', [0.1, -0.3])
+def test_positions_of_other_moments_than_orientations_are_no_lever_arm(late_s):
+    seconds = (ESTIMATE.stamps_ns - ESTIMATE.stamps_ns[0]) / 1e9
+    delayed = [np.interp(seconds - late_s, seconds, column) for column in ESTIMATE.positions.T]
+    found = diagnosis_of(replace(ESTIMATE, positions=np.stack(delayed, -1)))
+    assert names(found) == []
+    assert found.findings['positions_late_s'] == pytest.approx(late_s, rel=0.2)
+    assert 'lever_arm' in found.cannot_tell
 
 
 def test_a_heading_that_walks_at_random_does_not_run_away():

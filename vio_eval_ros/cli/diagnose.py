@@ -19,6 +19,7 @@ from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.core.trajectory import clean, Cleaning, LARGEST, Trajectory
 from vio_eval_ros.diagnosis.diagnosis import Cause, diagnose, Diagnosis, NAMES
 from vio_eval_ros.diagnosis.gyroscope import compare, Comparison
+from vio_eval_ros.diagnosis.measurements import MISFIT, OFFSET_S, TURN_DEG
 from vio_eval_ros.diagnosis.signals import lag_of_signals, SignalLag
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings.imu import read_imu
@@ -97,12 +98,12 @@ def _run(arguments: argparse.Namespace) -> int:
     if arguments.json:
         found = diagnosis.to_dict()
         if gyroscope is not None:
-            found['findings']['gyroscope'] = vars(gyroscope)
+            found['findings']['gyroscope'] = without_nan(vars(gyroscope))
         if arguments.apply:
             found['findings']['errors'] = _errors(diagnosis)
         print(json.dumps(found, indent=2, allow_nan=False))
     else:
-        lines = _text(diagnosis, poses)
+        lines = _text(diagnosis, poses, gyroscope)
         if arguments.apply:
             lines += _before_and_after(diagnosis)
         if gyroscope is not None:
@@ -144,9 +145,9 @@ def _stated(sources: dict[str, Source], diagnosis: Diagnosis) -> Diagnosis:
     return replace(diagnosis, causes=tuple(causes))
 
 
-def _text(diagnosis: Diagnosis, estimate: Trajectory) -> list[str]:
+def _text(diagnosis: Diagnosis, estimate: Trajectory, gyroscope: Comparison | None) -> list[str]:
     """Return what is wrong, one paragraph a cause, and what could not be told."""
-    warnings = _warnings(diagnosis)
+    warnings = _warnings(diagnosis) + _disagreements(gyroscope)
     nothing = 'nothing unusual' + ', but for what is below' * bool(warnings)
     lines = [] if diagnosis.causes else [nothing]
     for number_of, cause in enumerate(diagnosis.causes, 1):
@@ -192,12 +193,13 @@ def _warnings(diagnosis: Diagnosis) -> list[str]:
             f'all orientations of {SIDES[side]} are the same, as if they had never been filled '
             'in: they were left out, and what only orientations tell is not known.'
         )
-    if findings.get('positions_contradict_offset'):
-        offset = findings['time_offset']
-        late = f'{1e3 * offset["value"]:.1f} ± {1e3 * offset["uncertainty"]:.1f} ms late'
+    if findings.get('positions_late_s') is not None:
+        offset, late_s = findings['time_offset'], findings['positions_late_s']
         warnings.append(
-            f'by its orientations the estimate is {late}, by its positions it is not: one side '
-            'takes them from different moments.'
+            f'by its orientations the estimate is {1e3 * offset["value"]:.1f} ± '
+            f'{1e3 * offset["uncertainty"]:.1f} ms late, and its positions are about '
+            f'{1e3 * late_s:.0f} ms later than these: one side takes them from different '
+            'moments.'
         )
     if findings.get('truth_interpolated_s') is not None:
         knots = f'poses {1e3 * findings["truth_interpolated_s"]:.4g} ms apart'
@@ -271,6 +273,37 @@ def _gyroscope(arguments: argparse.Namespace, estimate: Trajectory) -> Compariso
     return compare(estimate, stamps_ns, rates)
 
 
+def _disagreements(found: Comparison | None) -> list[str]:
+    """Return what a gyroscope says of the estimate that no healthy one would hear."""
+    if found is None:
+        return []
+    warnings, said = [], []
+    if found.degrees:
+        warnings.append(
+            'the gyroscope has rates some 57 times those of the estimate: they were taken for '
+            'deg/s; sensor_msgs/Imu has rad/s.'
+        )
+    late = 'late' if found.offset_s > 0 else 'early'
+    if found.mirrored:
+        said.append(
+            'its rates fit only with an axis mirrored or two swapped, so that its rotation and '
+            'bias below mean nothing'
+        )
+    elif found.misfit > MISFIT:
+        said.append(
+            f'relative rotations differ by {percent(found.misfit)} of their size, as if it were '
+            'not that of this estimate'
+        )
+    elif found.turn_deg - TURN_DEG > found.turn_uncertainty_deg:
+        said.append(
+            f'it is turned by {found.turn_deg:.1f} deg in the tracked frame, as it should be only '
+            'where that is another frame than its own'
+        )
+    if abs(found.offset_s) - OFFSET_S > found.offset_uncertainty_s:
+        said.append(f'the estimate is {1e3 * abs(found.offset_s):.1f} ms {late} against it')
+    return warnings + [f'the gyroscope disagrees: {"; ".join(said)}.'] * bool(said)
+
+
 def _gyroscope_text(found: Comparison) -> list[str]:
     late = 'late' if found.offset_s > 0 else 'early'
     quaternion = ' '.join(f'{value:.5f}' for value in found.turn_xyzw)
@@ -281,8 +314,7 @@ def _gyroscope_text(found: Comparison) -> list[str]:
         f'              its rotation in the tracked frame: {found.turn_deg:.2f} ± '
         f'{found.turn_uncertainty_deg:.2f} deg, x y z w {quaternion}',
         f'              its bias: {" ".join(f"{value:.4f}" for value in found.bias_rad_s)} rad/s',
-        f'              relative rotations differ by {percent(found.misfit)} of their size'
-        + ('; is this the gyroscope of that estimate?' if found.misfit > 0.5 else ''),
+        f'              relative rotations differ by {percent(found.misfit)} of their size',
     ]
 
 
@@ -317,9 +349,16 @@ def _signals_text(found: SignalLag, paths: Sequence[Path]) -> list[str]:
     lines = [
         f'the stamps of {paths[0]} are {1e3 * abs(found.offset_s):.2f} ± '
         f'{1e3 * found.uncertainty_s:.2f} ms {late} against those of {paths[1]}',
-        f'correlation {number(found.peak)}, more than a second away at most '
+        f'correlation {number(found.sign * found.peak)}, at the next peak '
         f'{number(found.next_peak)}',
     ]
+    if found.sign < 0:
+        lines.append('the signs are opposite: one signal rises where the other falls')
+    if found.ambiguous:
+        lines.append(
+            'the lag is ambiguous: at another the signals are nearly as alike; the interval is '
+            'that of this one only'
+        )
     if not found.peak > 0.6:
         lines.append('the signals are hardly alike: do not rely on it')
     return lines

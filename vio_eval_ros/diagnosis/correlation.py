@@ -8,7 +8,8 @@ import math
 import numpy as np
 
 MIN_OVERLAP = 0.3
-NEIGHBOURHOOD_S = 1.0
+# another peak rises by so much of the height of the best, out of the valley between
+RISE = 0.1
 
 
 @dataclass(frozen=True)
@@ -18,7 +19,8 @@ class Peak:
 
     :param lag_s: how much later the first signal's stamps are than the second's, in seconds.
     :param height: correlation coefficient there, -1 to 1.
-    :param rival: the highest one more than a second away; NaN where there is none.
+    :param rival: the highest of another peak, behind a valley, or of either end of the lags, so
+        that what never falls has a rival too; NaN where there is none.
     """
 
     lag_s: float
@@ -73,16 +75,24 @@ def correlate(
     height = np.where(
         usable & (spread > floor), alike / np.sqrt(spread.clip(min=max(floor, 1e-300))), -np.inf
     )
+    # by increasing lag, and below both ends nothing
+    height = np.pad(np.roll(height, len(second) - 1), 1, constant_values=-np.inf)
     best = int(np.argmax(height))
     if not math.isfinite(height[best]):
         return Peak(0.0, math.nan, math.nan)
-    away = np.abs(lags - lags[best]) * step_s > NEIGHBOURHOOD_S
-    rival = float(height[away].max(initial=-np.inf))
+    rival = max(_rival(side[np.isfinite(side)]) for side in (height[best::-1], height[best:]))
     return Peak(
-        (lags[best] + _vertex(*height[[best - 1, best, (best + 1) % size]])) * step_s,
+        (best - len(second) + _vertex(*height[best - 1 : best + 2])) * step_s,
         float(height[best]),
         rival if math.isfinite(rival) else math.nan,
     )
+
+
+def _rival(height: np.ndarray) -> float:
+    """Return the highest of another peak, or of the end, of the heights from the peak outwards."""
+    risen = height - np.minimum.accumulate(height) > RISE * abs(height[0])
+    risen[-1] = len(height) > 1
+    return float(height[risen].max(initial=-np.inf))
 
 
 def _vertex(before: float, at: float, after: float) -> float:

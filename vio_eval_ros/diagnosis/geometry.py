@@ -36,6 +36,10 @@ class Estimated:
         """Return the parameter that cannot be told, at what is likeliest beforehand."""
         return cls(value, math.inf)
 
+    def surely_beyond(self, size: float) -> bool:
+        """Return whether it is larger than this, in one direction or the other."""
+        return abs(self.value) - self.uncertainty > size
+
     def over(self, divisor: float) -> Estimated:
         """Return the parameter over a known number."""
         return Estimated(self.value / divisor, self.uncertainty / divisor)
@@ -50,11 +54,14 @@ class Body:
     :param lever_length: its length in metres of the truth, in which a body has its size whatever
         the scale of the estimate.
     :param scale_drift: by how much more of itself the scale grows, per second.
+    :param positions_late: seconds by which positions are of earlier moments than orientations,
+        whatever the lever arm; to first order, and so too small where it is large.
     """
 
     lever: np.ndarray
     lever_length: Estimated
     scale_drift: Estimated
+    positions_late: Estimated
 
 
 def fit_body(pairs: Pairs, turn: np.ndarray) -> Body:
@@ -67,7 +74,7 @@ def fit_body(pairs: Pairs, turn: np.ndarray) -> Body:
 
     :param turn: (4,) rotation of the body in the tracked frame.
     """
-    nothing = Body(np.zeros(3), Estimated.unknown(), Estimated.unknown())
+    nothing = Body(np.zeros(3), *3 * [Estimated.unknown()])
     estimate, truth = pairs.estimate, pairs.ground_truth
     if estimate.rotations is None or truth.rotations is None or len(pairs) < 2:
         return nothing
@@ -86,13 +93,20 @@ def fit_body(pairs: Pairs, turn: np.ndarray) -> Body:
     design = np.concatenate(
         [truly[..., None], (truly * elapsed[:, None])[..., None], -turned], axis=-1
     )
-    fit = least_squares(design, moved, np.array([100.0, 100.0, 1.0, 1.0, 1.0]))
+    prior = np.array([100.0, 100.0, 1.0, 1.0, 1.0])
+    fit = least_squares(design, moved, prior)
     scale, lever = abs(float(fit.values[0])), fit.values[2:]
     if not scale > 0:
         return nothing
     drift = Estimated(float(fit.values[1]), fit.uncertainty(1)).over(scale * half_s)
     length = Estimated(float(np.linalg.norm(lever)), _worst(fit, slice(2, 5))).over(scale)
-    return Body(lever, length, drift)
+    speeds = np.gradient(truth.positions, stamps_ns / 1e9, axis=0)
+    earlier = rotation.rotate(to_tracked, speeds[begin] - speeds[end])[..., None]
+    both = least_squares(
+        np.concatenate([design, earlier], axis=-1), moved, np.append(prior, 100.0), fit.weights
+    )
+    late = Estimated(float(both.values[5]), both.uncertainty(5)).over(scale)
+    return Body(lever, length, drift, late)
 
 
 def _worst(fit: Fit, rows: slice) -> float:

@@ -8,9 +8,10 @@ import math
 import numpy as np
 
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.rotation import lengths
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.clocks import fit_lag, HORIZON_S, Lag, speed_peak
-from vio_eval_ros.diagnosis.fitting import horizon, relative_turns
+from vio_eval_ros.diagnosis.fitting import horizon, relative_turns, robust_similarity
 from vio_eval_ros.diagnosis.interpolation import Interpolator
 from vio_eval_ros.errors import NoPairs
 
@@ -18,6 +19,11 @@ FEWEST = 20
 GAP_S = 0.1
 ITERATIONS = 10
 CONVERGED_RAD_S = 1e-4
+# rates in degrees are 57 times those of the estimate, more or less by bias and noise
+DEGREES = (25.0, 130.0)
+FAST = 0.9
+# a wrong handedness fits many times worse
+CLEARLY = 0.5
 
 
 @dataclass(frozen=True)
@@ -33,6 +39,8 @@ class Comparison:
     :param bias_rad_s: of the gyroscope, in its own axes.
     :param misfit: what is left of relative rotations, over what there was; near 0 is good.
     :param peak: correlation of the angular speeds at the best lag.
+    :param degrees: whether the rates were taken for degrees a second.
+    :param mirrored: whether the rates fit only with one axis mirrored, or two swapped.
     """
 
     offset_s: float
@@ -43,6 +51,8 @@ class Comparison:
     bias_rad_s: tuple[float, ...]
     misfit: float
     peak: float
+    degrees: bool
+    mirrored: bool
 
 
 def compare(estimate: Trajectory, stamps_ns: np.ndarray, rates: np.ndarray) -> Comparison:
@@ -53,7 +63,7 @@ def compare(estimate: Trajectory, stamps_ns: np.ndarray, rates: np.ndarray) -> C
     where the body turns mostly one way: it is taken out, and lag and turn are fitted again.
 
     :param stamps_ns: (N,) in any order.
-    :param rates: (N, 3) rad/s.
+    :param rates: (N, 3) rad/s; where they are 57 times too fast, they are taken for deg/s.
     :raises NoPairs: where there is nothing to compare.
     """
     stamps_ns, first = np.unique(stamps_ns[np.isfinite(rates).all(axis=1)], return_index=True)
@@ -65,6 +75,8 @@ def compare(estimate: Trajectory, stamps_ns: np.ndarray, rates: np.ndarray) -> C
             f'the gyroscope has {len(stamps_ns)} samples, the estimate {len(estimate)} poses; '
             f'{FEWEST} are needed'
         )
+    degrees = _in_degrees(estimate, rates)
+    rates = np.radians(rates) if degrees else rates
     gap_s = max(GAP_S, 3 * float(np.median(np.diff(stamps_ns))) / 1e9)
     bias, start_s = np.zeros(3), math.nan
     for _ in range(ITERATIONS):
@@ -93,23 +105,57 @@ def compare(estimate: Trajectory, stamps_ns: np.ndarray, rates: np.ndarray) -> C
         tuple(bias.tolist()),
         lag.misfit,
         peak.height,
+        degrees,
+        _mirrored(estimate, Interpolator(sensed, gap_s), lag),
     )
+
+
+def _in_degrees(estimate: Trajectory, rates: np.ndarray) -> bool:
+    """Return whether rates are so much faster than the estimate turns that they are degrees."""
+    assert estimate.rotations is not None
+    begin, end = horizon(estimate.stamps_ns, _horizon_s(estimate))
+    if not len(begin):
+        return False
+    seconds = (estimate.stamps_ns[end] - estimate.stamps_ns[begin]) / 1e9
+    fast = np.quantile(lengths(relative_turns(estimate.rotations, begin, end)) / seconds, FAST)
+    return bool(DEGREES[0] * fast < np.quantile(lengths(rates), FAST) < DEGREES[1] * fast)
+
+
+def _horizon_s(estimate: Trajectory) -> float:
+    return max(HORIZON_S, float(np.median(np.diff(estimate.stamps_ns))) / 1e9)
 
 
 def _bias(estimate: Trajectory, sensed: Interpolator, lag: Lag) -> np.ndarray:
     """Return the (3,) rad/s by which the sensed rates exceed those of the estimate."""
-    assert estimate.rotations is not None
+    moved, turned, seconds = _turns(estimate, sensed, lag)
+    return np.asarray(np.median((turned - moved @ lag.turn.T) / seconds[:, None], axis=0))
+
+
+def _mirrored(estimate: Trajectory, sensed: Interpolator, lag: Lag) -> bool:
+    """Return whether the turns fit much better with a reflection, whatever the bias."""
+    moved, turned, _ = _turns(estimate, sensed, lag)
+    moved, turned = moved - moved.mean(axis=0), turned - turned.mean(axis=0)
+    misfits = [robust_similarity(moved, turned, False, parity)[2] for parity in (1, -1)]
+    return misfits[1] < CLEARLY * misfits[0]
+
+
+def _turns(
+    estimate: Trajectory, sensed: Interpolator, lag: Lag
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return (M, 3) turns of the estimate, those that were sensed, and their (M,) seconds."""
     stamps_ns = estimate.stamps_ns - round(lag.offset_s * 1e9)
     inside = sensed.inside(stamps_ns)
-    begin, end = horizon(stamps_ns, max(HORIZON_S, float(np.median(np.diff(stamps_ns))) / 1e9))
+    begin, end = horizon(stamps_ns, _horizon_s(estimate))
     known = inside[begin] & inside[end]
     begin, end = begin[known], end[known]
     turned = sensed.at(stamps_ns).rotations
+    assert estimate.rotations is not None
     assert turned is not None
-    expected = relative_turns(estimate.rotations, begin, end) @ lag.turn.T
-    seconds = (stamps_ns[end] - stamps_ns[begin])[:, None] / 1e9
-    excess = (relative_turns(turned, begin, end) - expected) / seconds
-    return np.asarray(np.median(excess, axis=0))
+    return (
+        relative_turns(estimate.rotations, begin, end),
+        relative_turns(turned, begin, end),
+        (stamps_ns[end] - stamps_ns[begin]) / 1e9,
+    )
 
 
 def _integrated(stamps_ns: np.ndarray, rates: np.ndarray) -> np.ndarray:

@@ -27,6 +27,7 @@ from vio_eval_ros.errors import NoPairs
 # degrees a minute. Positions alone tell the offset less well.
 OFFSET_S = 0.005
 CLOCK_S = 0.01  # at either end of the run
+APART_S = 0.03  # of positions and orientations; published ground truth has up to 24 ms
 TURN_DEG = 1.0
 LEVER_M = 0.04
 TILT_DEG = 1.5
@@ -189,10 +190,10 @@ class _Found:
         agreed_ns, at_first = None, _in_the_beginning(self._run, offset, drift)
         if drift.unusual and at_first.told and not at_first.beyond_doubt:
             offset, agreed_ns = at_first, int(self._run.estimate.stamps_ns[0])
-        disagree = offset.unusual and _contradicted(self._run, self.correction, lag)
-        if disagree:  # positions and orientations are of different moments: which are right?
+        late_s = _contradicting(self._run, self.correction, lag) if offset.unusual else None
+        if late_s is not None:  # positions and orientations are of other moments: which are right?
             offset, drift = (_untold(one) for one in (offset, drift))
-        self.findings['positions_contradict_offset'] = disagree
+        self.findings['positions_late_s'] = late_s
         self._note(offset, offset_s=offset.value)
         self._note(drift, clock_drift=lag.drift, agreed_ns=agreed_ns)
 
@@ -254,7 +255,10 @@ class _Found:
         length = body.lever_length
         lever = Measurement.of('lever_arm', length.value, 'm', length.uncertainty, LEVER_M)
         drift = _scale_drift(self._run, body)
-        if self.findings['positions_contradict_offset']:  # each fits other orientations
+        late = body.positions_late
+        if self.findings['positions_late_s'] is None and late.surely_beyond(APART_S):
+            self.findings['positions_late_s'] = late.value
+        if self.findings['positions_late_s'] is not None:  # each fits other moments
             lever, drift = _untold(lever), _untold(drift)
         self._note(lever, lever=body.lever)
         self.findings['sensor_rotation_xyzw'] = sensor.tolist()
@@ -341,13 +345,18 @@ def _certain(name: str, value: float, unit: str, healthy: float = 0.0) -> Measur
     return Measurement.of(name, value, unit, math.nan, healthy)
 
 
-def _contradicted(run: Run, correction: Correction, lag: Lag) -> bool:
-    """Return whether undoing the orientations' offset harms the positions, which have none."""
+def _contradicting(run: Run, correction: Correction, lag: Lag) -> float | None:
+    """
+    Return how much later the positions are than the orientations, if they have not their offset.
+
+    It is not theirs where undoing it harms the positions, which have less than half of it.
+    """
     if not run.turning or not run.is_worse(replace(correction, offset_s=lag.offset_s), correction):
-        return False
+        return None
     of_positions = fit_lag(correction.apply(run.estimate), run.true_poses, lag.offset_s, False)
     alike_s = math.copysign(1.0, lag.offset_s) * of_positions.offset_s
-    return alike_s + of_positions.offset_uncertainty_s < abs(lag.offset_s) / 2
+    less = alike_s + of_positions.offset_uncertainty_s < abs(lag.offset_s) / 2
+    return of_positions.offset_s - lag.offset_s if less else None
 
 
 def _untold(parameter: Measurement) -> Measurement:
