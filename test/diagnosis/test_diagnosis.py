@@ -655,6 +655,79 @@ def test_an_offset_of_the_orientations_alone_is_not_named():
     assert HEALTHY.findings['positions_late_s'] is None
 
 
+def test_what_the_ground_truth_does_is_not_blamed_on_the_estimate():
+    stepping, spiking = TRUTH.positions.copy(), TRUTH.positions.copy()
+    stepping[6000:] += [0.6, 0.8, 0.0]
+    spiking[::140] += [0.0, 1.5, 0.0]
+    for name, positions in (('jump', stepping), ('outliers', spiking)):
+        (cause,) = diagnose(ESTIMATE, replace(TRUTH, positions=positions), CONFIG).causes
+        assert (cause.name, cause.side) == (name, 'ground_truth')
+        assert 'markers' in cause.advice
+
+
+@pytest.mark.parametrize('row', [0, 1, -2, -1])
+def test_one_orientation_at_an_end_of_the_run_is_neither_tilt_nor_jump(row):
+    rotations = ESTIMATE.rotations.copy()
+    rotations[row] = rotation.multiply(about([1, 1, 0], 30.0), rotations[row])
+    assert names(diagnosis_of(replace(ESTIMATE, rotations=rotations))) == []
+
+
+@pytest.mark.parametrize('shift', [1, -1])
+def test_an_order_and_a_conjugation_at_once_are_told(shift):
+    rotations = np.roll(rotation.conjugate(ESTIMATE.rotations), shift, axis=1)
+    (cause,) = diagnosis_of(replace(ESTIMATE, rotations=rotations)).causes
+    order = 'wxyz' if shift == 1 else 'xyzw'
+    assert cause.name == 'quaternion_order'
+    assert cause.flags == (f'?quaternion={order}&invert=rotation',)
+    assert 'inverse' in cause.advice
+
+
+def test_what_flew_off_and_came_back_has_not_diverged():
+    seconds = (ESTIMATE.stamps_ns - ESTIMATE.stamps_ns[0]) / 1e9
+    positions = ESTIMATE.positions.copy()
+    blind = (seconds > 25) & (seconds < 35)
+    positions[blind] = positions[blind][0] + np.outer(seconds[blind] - 25, [1.0, 0.5, 0.0])
+    found = names(diagnosis_of(replace(ESTIMATE, positions=positions)))
+    assert found
+    assert 'diverged' not in found
+
+
+def test_runs_without_common_time_cannot_be_diagnosed():
+    turns = np.cumsum(np.random.default_rng(0).normal(0, 0.02, ESTIMATE.positions.shape), axis=0)
+    other = replace(ESTIMATE, rotations=rotation.from_rotation_vector(turns))
+    with pytest.raises(NoPairs, match='of the same run'):
+        diagnosis_of(late(4000.0, other))
+
+
+def test_lost_tracking_counts_only_where_there_is_truth():
+    kept = np.ones(len(ESTIMATE), bool)
+    kept[100:700] = False  # 5 to 35 s
+    truth = TRUTH[(TRUTH.stamps_ns - TRUTH.stamps_ns[0]) > 30e9]
+    found = diagnose(ESTIMATE[kept], truth, CONFIG).findings
+    assert found['lost_tracking']['value'] == pytest.approx(5 / 30, abs=0.01)
+    source = np.random.default_rng(0)
+    scattered = source.random(len(ESTIMATE)) > 0.1
+    found = diagnose(ESTIMATE[scattered], truth, CONFIG).findings
+    inside = ESTIMATE.stamps_ns > truth.stamps_ns[0]
+    share = 1 - scattered[inside].mean()
+    assert found['lost_tracking']['value'] == pytest.approx(share, abs=0.01)
+
+
+def test_a_simulator_whose_robot_waits_has_a_truth():
+    sides = []
+    for poses, noise_m in ((ESTIMATE[:600], 0.001), (TRUTH[:6000], 0.0)):
+        waits = np.arange(1600, 0, -1)  # 80 s, then it flies for 30 s
+        rest = poses.positions[0] + np.random.default_rng(0).normal(0, noise_m, (1600, 3))
+        sides.append(
+            Trajectory(
+                np.concatenate([ESTIMATE.stamps_ns[0] - 50_000_000 * waits, poses.stamps_ns]),
+                np.concatenate([rest, poses.positions]),
+                np.concatenate([np.repeat(poses.rotations[:1], 1600, axis=0), poses.rotations]),
+            )
+        )
+    assert names(diagnose(*sides, CONFIG)) == []
+
+
 @pytest.mark.parametrize('late_s', [0.1, -0.3])
 def test_positions_of_other_moments_than_orientations_are_no_lever_arm(late_s):
     seconds = (ESTIMATE.stamps_ns - ESTIMATE.stamps_ns[0]) / 1e9

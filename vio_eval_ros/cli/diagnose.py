@@ -215,7 +215,9 @@ def _moments(cause: Cause, diagnosis: Diagnosis, estimate: Trajectory) -> list[s
     begin_ns = int(estimate.stamps_ns[0])
 
     def at(stamp_ns: int) -> str:
-        return f'{stamp_ns / 1e9:.3f} ({(stamp_ns - begin_ns) / 1e9:.2f} s into the run)'
+        seconds = (stamp_ns - begin_ns) / 1e9
+        where = f'{seconds:.2f} s into the run' if seconds >= 0 else f'{-seconds:.2f} s before it'
+        return f'{stamp_ns / 1e9:.3f} ({where})'
 
     moments = []
     if cause.name == 'jump':
@@ -225,6 +227,8 @@ def _moments(cause: Cause, diagnosis: Diagnosis, estimate: Trajectory) -> list[s
             for jump in diagnosis.findings['jumps']
             if jump['harmful']
         ]
+    elif cause.name == 'outliers':
+        moments = [at(stamp) for stamp in diagnosis.findings['outlier_poses']['stamps_ns']]
     elif cause.name == 'lost_tracking':
         moments = [
             f'{at(gap["begin_ns"])}: {gap["seconds"]:.1f} s' for gap in diagnosis.findings['gaps']

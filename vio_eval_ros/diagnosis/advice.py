@@ -47,6 +47,11 @@ ADVICE = {
     'diverged': 'Look at what comes just before: lost features, saturated IMU, or noise '
     'parameters that are too small.',
 }
+# of either side, where it is not the estimate's
+ADVICE['ground_truth'] = (
+    'Look at what gave the ground truth at those moments (markers lost or exchanged, multipath), '
+    'and leave them out.'
+)
 # what was measured, given value v and uncertainty u in the unit of the cause
 EVIDENCE = {
     'quaternion_conjugated': 'relative rotations fit when conjugated, as they are they do not',
@@ -62,7 +67,7 @@ EVIDENCE = {
     'gravity_tilt': 'its world is tilted by {v:.2f} ± {u:.2f} deg',
     'yaw_drift': 'its heading runs away by {v:.1f} ± {u:.1f} deg a minute',
     'jump': 'it steps by up to {v:.2f} m between two poses and stays there',
-    'outliers': '{percent:.2g} % of its poses are off while their neighbours are not',
+    'outliers': '{percent:.2g} % of the poses are off while their neighbours are not',
     'lost_tracking': '{percent:.0f} % of the ground truth has no estimate',
     'diverged': 'it has flown away and never comes back, for the last {percent:.0f} % of the run',
 }

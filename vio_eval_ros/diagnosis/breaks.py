@@ -48,12 +48,14 @@ class Jump:
     :param step: metres in the estimate's world.
     :param turn: quaternion x y z w, likewise.
     :param clear: whether it is so large against what is around that healthy runs have no such.
+    :param of_truth: whether it is the truth that steps.
     """
 
     stamp_ns: int
     step: tuple[float, float, float]
     turn: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
     clear: bool = False
+    of_truth: bool = False
 
     @property
     def size_m(self) -> float:
@@ -100,12 +102,14 @@ class Breaks:
 
     :param outliers_ns: stamps of poses that are off while their neighbours are not.
     :param outlier_m: how far those are off, in the median; in metres of the truth.
+    :param truth_is_off: whether it is the truth that is off there.
     :param jumps: in order.
     :param diverged_ns: from which stamp on the estimate has flown away; None where it has not.
     """
 
     outliers_ns: np.ndarray
     outlier_m: float
+    truth_is_off: bool
     jumps: tuple[Jump, ...]
     diverged_ns: int | None
 
@@ -118,7 +122,7 @@ def find_breaks(pairs: Pairs, received_ns: np.ndarray, sensor: np.ndarray) -> Br
     :param sensor: (4,) rotation of the body in the tracked frame.
     """
     stamps_ns = pairs.estimate.stamps_ns
-    nothing = Breaks(np.empty(0, np.int64), math.nan, (), None)
+    nothing = Breaks(np.empty(0, np.int64), math.nan, False, (), None)
     interval_s = float(np.median(np.diff(stamps_ns))) / 1e9 if len(pairs) > 1 else math.nan
     if len(pairs) < 4 * REACH:
         return nothing
@@ -135,10 +139,13 @@ def find_breaks(pairs: Pairs, received_ns: np.ndarray, sensor: np.ndarray) -> Br
     moves = size >= MOVES * np.quantile(size, 0.95)
     begin, end, moved = begin[moves], end[moves], moved[moves]
     turn, scale, _ = robust_similarity(positions[end] - positions[begin], moved, True)
-    errors = scale * positions @ turn.T - truth
+    aligned = scale * positions @ turn.T
+    errors = aligned - truth
     errors -= np.median(errors, axis=0)
 
-    off = lengths(errors - _running_median(errors))
+    off, off_alone, truth_off = (
+        lengths(each - _running_median(each)) for each in (errors, aligned, truth)
+    )
     outliers = off > max(OUTLIER_M, OUTLIER_TIMES * float(np.median(off)))
     kept = np.flatnonzero(~outliers)
     steps = _jumps(errors[kept], stamps_ns[kept])
@@ -153,13 +160,17 @@ def find_breaks(pairs: Pairs, received_ns: np.ndarray, sensor: np.ndarray) -> Br
         x, y, z = (step.step @ turn) / scale
         also = jumps.get(first, Jump(int(received_ns[first]), (0.0, 0.0, 0.0)))
         moved = float(x), float(y), float(z)
-        jumps[first] = replace(also, step=moved, clear=also.clear or step.clear)
+        went, truly = (np.linalg.norm(each[first] - each[first - 1]) for each in (aligned, truth))
+        jumps[first] = replace(
+            also, step=moved, clear=also.clear or step.clear, of_truth=bool(truly > went)
+        )
     kept = np.flatnonzero(~outliers)
     # what is gone without its steps, and with them, which may take it back
     gone = [_diverged(each[kept], truth[kept]) for each in (errors, stepping)]
     return Breaks(
         received_ns[outliers],
         float(np.median(off[outliers])) if outliers.any() else math.nan,
+        bool(outliers.any() and np.median((truth_off - off_alone)[outliers]) > 0),
         tuple(jumps[first] for first in sorted(jumps)),
         None if gone[0] is None or gone[1] is None else int(received_ns[kept[gone[0]]]),
     )

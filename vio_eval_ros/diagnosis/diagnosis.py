@@ -334,23 +334,45 @@ def _causes(run: Run, measured: Measured, named: list[Named]) -> list[Cause]:
                 before_m,
                 after_m,
                 _evidence(one, measured),
-                advice(parameter.name, measured.convention.convention.detail)
-                if parameter.name in FUNDAMENTAL
-                else advice(parameter.name),
+                _advice(one.name, measured),
                 flags(parameter.name, correction, run.config),
+                _side(one.name, measured),
             )
         )
         before_m = after_m
     return causes
 
 
+def _advice(name: str, measured: Measured) -> str:
+    """Return what to do about a cause of this run."""
+    if _side(name, measured) != 'estimate':
+        return advice('ground_truth')
+    return advice(name, measured.convention.convention.detail if name in FUNDAMENTAL else '')
+
+
+def _side(name: str, measured: Measured) -> str:
+    """Return which side a cause is of."""
+    if name == 'outliers':
+        return str(measured.findings['outlier_poses']['side'])
+    if name == 'jump':
+        return str(max(_harmful_jumps(measured), key=lambda jump: jump['size_m'])['side'])
+    return 'estimate'
+
+
+def _harmful_jumps(measured: Measured) -> list[dict[str, Any]]:
+    return [jump for jump in measured.findings['jumps'] if jump['harmful']]
+
+
 def _evidence(one: Named, measured: Measured) -> str:
     """Return the sentence of numbers that speaks for a cause."""
     found = evidence(one.name, one.measurement.value, one.measurement.uncertainty)
     if one.name == 'jump':
-        jumps = [jump for jump in measured.findings['jumps'] if jump['harmful']]
-        turn_deg = max(jump['turn_deg'] for jump in jumps)
-        found += f', turned by up to {turn_deg:.1f} deg' if turn_deg else ''
+        turn_deg = max(jump['turn_deg'] for jump in _harmful_jumps(measured))
+        turned = f'turned by up to {turn_deg:.1f} deg'
+        if not one.measurement.value:
+            found = f'it is {turned} between two poses and stays so'
+        elif turn_deg:
+            found += f', {turned}'
     if one.name == 'yaw_drift':
         found += f', {measured.findings["yaw_drift_deg_per_m"]:.2g} deg a metre'
     if one.error:

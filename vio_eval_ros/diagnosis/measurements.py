@@ -37,6 +37,7 @@ YAW_DEG_PER_MIN = 8.0
 YAW_DEG = 5.0  # over the run
 LOST_RATIO = 0.03
 
+SIDES = ('estimate', 'ground_truth')
 CONVENTIONS = tuple(dict.fromkeys(one.name for one in candidates() if one.name))
 
 #: a parameter is told if a fault so many times beyond the healthy could not have hidden
@@ -221,12 +222,14 @@ class _Found:
                 'size_m': jump.size_m,
                 'turn_deg': math.degrees(jump.turn_rad),
                 'harmful': jump in harmful,
+                'side': SIDES[jump.of_truth],
             }
             for jump in found.jumps
         ]
         self.findings['outlier_poses'] = {
             'stamps_ns': found.outliers_ns.tolist(),
             'median_m': found.outlier_m,
+            'side': SIDES[found.truth_is_off],
         }
 
     def gaps(self) -> None:
