@@ -191,8 +191,7 @@ def _turns(pairs: Pairs, received_ns: np.ndarray, sensor: np.ndarray) -> dict[in
     size = lengths(steps) / np.sqrt(np.maximum(intervals / np.median(intervals), 1))
     found = {}
     far = size > max(JUMP_RAD, JUMP_TIMES * np.quantile(size, 0.9))
-    far[: REACH - 1] = far[len(far) - REACH + 1 :] = False  # what stays cannot be told from a few
-    for k in np.flatnonzero(far).tolist():
+    for k in np.flatnonzero(_inner(far)).tolist():
         back = rotation.conjugate(worlds[k])
         before, after = (
             np.median(rotation.to_rotation_vector(rotation.multiply(side, back)), axis=0)
@@ -208,9 +207,15 @@ def _turns(pairs: Pairs, received_ns: np.ndarray, sensor: np.ndarray) -> dict[in
     return found
 
 
+def _inner(far: np.ndarray) -> np.ndarray:
+    """Return which steps are far that have enough poses on either side to tell if they stay."""
+    far[: REACH - 1] = far[len(far) - REACH + 1 :] = False
+    return far
+
+
 def _running_median(errors: np.ndarray) -> np.ndarray:
-    """Return (N, 3) medians of each sample and REACH on either side, mirrored at the ends."""
-    padded = np.pad(errors, ((REACH, REACH), (0, 0)), 'reflect')
+    """Return (N, 3) medians of each sample and REACH on either side, the ends repeated."""
+    padded = np.pad(errors, ((REACH, REACH), (0, 0)), 'edge')
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * REACH + 1, axis=0)
     return np.asarray(np.median(windows, axis=-1))
 
@@ -232,9 +237,8 @@ def _jumps(errors: np.ndarray, stamps_ns: np.ndarray) -> list[_Step]:
     size = size / np.sqrt(np.maximum(intervals / np.median(intervals), 1))
     limit = max(JUMP_M, JUMP_TIMES * float(np.quantile(size, 0.9)))
     found = []
-    for k in np.flatnonzero(size > min(limit, CLEAR_M)).tolist():
-        before = slice(max(k - REACH + 1, 0), k + 1)
-        after = slice(k + 1, min(k + 1 + REACH, len(errors)))
+    for k in np.flatnonzero(_inner(size > min(limit, CLEAR_M))).tolist():
+        before, after = slice(k - REACH + 1, k + 1), slice(k + 1, k + 1 + REACH)
         around = np.concatenate([size[max(k - REACH, 0) : k], size[k + 1 : k + 1 + REACH]])
         lasting = np.median(errors[after], axis=0) - np.median(errors[before], axis=0)
         usual = float(np.median(around))
