@@ -85,11 +85,135 @@ def test_what_the_record_is_too_short_to_tell_is_a_warning():
         assert f'the {name} of any axis' in warning
 
 
-def test_motion_is_reported_with_its_time():
+def moved(begin_s, end_s, axis, by):
     samples = rest()
-    samples[2_000:2_100, 0] += np.linspace(0, 0.5, 100)
-    (warning,) = [line for line in analysed(samples).warnings if 'at rest' in line]
-    assert 'for 2 of 3,600 seconds, first 40 s after the start' in warning
+    samples[round(begin_s * RATE_HZ) : round(end_s * RATE_HZ), axis] += by
+    return analysed(samples)
+
+
+@pytest.mark.parametrize(
+    ('begin_s', 'end_s', 'axis', 'by', 'told'),
+    [
+        (2_000, 2_005, 0, 0.5, 'gyro_x changes in 2 of 3,600 seconds, beginning 2,000, 2,005 s'),
+        (2_000.5, 2_030, 1, 0.02, 'beginning 2,000, 2,030 s'),
+        (1_500, 3_600, 3, 0.17, 'accel_x changes in 1 of 3,600 seconds, beginning 1,500 s'),
+        (1_500.5, 3_600, 5, -3.0, 'beginning 1,500 s'),
+        (
+            40,
+            42,
+            0,
+            np.linspace(0, 0.5, 100),
+            'gyro_x changes in 2 of 3,600 seconds, beginning 40 s',
+        ),
+        (100, 100.1, 4, 1.0, 'accel_y changes in 1 of 3,600 seconds, beginning 100 s'),
+    ],
+    ids=['turned', 'turned slowly', 'tilted', 'laid down', 'sped up', 'knocked'],
+)
+def test_motion_is_reported_with_its_time(begin_s, end_s, axis, by, told):
+    found = moved(begin_s, end_s, axis, by)
+    (warning,) = [line for line in found.warnings if 'not at rest' in line]
+    assert told in warning
+    assert f'warning: {warning}' in table(found)
+    assert warning in json.loads(json_document(found))['warnings']
+
+
+def test_a_movement_too_slow_for_seconds_is_seen_in_tens_of_them():
+    samples = rest(noise=ImuNoise(EUROC.gyro, Noise(2e-3, 3e-4)))
+    samples[:, 3] += 0.17 * np.clip((np.arange(len(samples)) / RATE_HZ - 2_000) / 60, 0, 1)
+    (warning,) = [line for line in analysed(samples).warnings if 'not at rest' in line]
+    assert 'accel_x changes in' in warning
+    assert 'beginning 2,0' in warning
+
+
+def test_many_movements_are_counted_and_the_first_named():
+    samples = rest()
+    samples[:: round(10 * RATE_HZ), 0] = 5
+    (warning,) = [line for line in analysed(samples).warnings if 'not at rest' in line]
+    assert 'beginning 0, 10, 20, 30, 40 s after the start and 355 times more' in warning
+
+
+@pytest.mark.parametrize(
+    'noise',
+    [
+        EUROC,
+        ImuNoise(Noise(1.888e-4, 2.557e-6), Noise(1.6e-3, 2.5e-4, 5e-4)),
+        ImuNoise(Noise(1.7e-4, 1.3e-5, 5e-5), Noise(2e-3, 0.0, 1e-3)),
+        ImuNoise(Noise(1.7e-4, 2e-6, 1e-4), Noise(2e-2, 1e-5)),
+    ],
+)
+@pytest.mark.parametrize('hours', [1 / 3, 2])
+def test_no_noise_is_taken_for_movement_vibration_or_resolution(noise, hours):
+    told = ' '.join(analysed(rest(hours, noise, 7)).warnings)
+    for word in ('at rest', 'Hz', 'still', 'resolution', 'missing'):
+        assert word not in told
+
+
+def test_a_value_that_stands_still_for_a_while_is_reported_with_its_time():
+    samples = rest()
+    samples[90_000:, 1] = samples[90_000, 1]
+    assert analysed(samples).warnings == [
+        'gyro_y: its value stands still in 1,800 of 3,600 seconds, '
+        'beginning 1,800 s after the start'
+    ]
+
+
+@pytest.mark.parametrize('step', [0.003, 0.01])
+def test_a_resolution_that_spoils_the_density_is_reported(step):
+    """The noise of a sample is 1.2e-3 rad/s."""
+    samples = rest()
+    samples[:, 0] = step * np.round(samples[:, 0] / step)
+    (warning,) = [line for line in analysed(samples).warnings if 'resolution' in line]
+    assert f'gyro_x: its resolution, {step:g} rad/s, is coarser' in warning
+
+
+def test_a_resolution_that_shows_the_noise_is_no_trouble():
+    samples = rest()
+    samples[:, 0] = 1e-3 * np.round(samples[:, 0] / 1e-3)
+    found = analysed(samples)
+    assert found.warnings == []
+    assert found.axes['gyro_x'].fit.density.value == pytest.approx(EUROC.gyro.density, rel=0.05)
+
+
+@pytest.mark.parametrize(('hz', 'size'), [(11.5, 0.02), (0.9, 2e-3)])
+def test_a_vibration_that_raises_the_density_is_reported_with_its_frequency(hz, size):
+    samples = rest()
+    samples[:, 0] += size * np.sin(2 * np.pi * hz * np.arange(len(samples)) / RATE_HZ)
+    found = analysed(samples)
+    (warning,) = [line for line in found.warnings if 'vibration of' in line]
+    rise = found.axes['gyro_x'].fit.density.value / EUROC.gyro.density - 1
+    assert rise > 0.1
+    assert f'gyro_x: a vibration of {hz:.3g} Hz raises its density by ' in warning
+    assert float(warning.split()[-2]) == pytest.approx(100 * rise, abs=4)
+
+
+@pytest.mark.parametrize('share', [0.05, 0.1])
+def test_random_losses_leave_density_and_walk_as_they_are(share):
+    samples = rest(noise=ImuNoise(EUROC.gyro, Noise(2e-3, 3e-3)))
+    stamps_ns = 20_000_000 * np.arange(len(samples))
+    kept = np.random.default_rng(3).random(len(samples)) > share
+    found = analysed(samples[kept], stamps_ns=stamps_ns[kept])
+    densities = [
+        axis.fit.density.value / getattr(EUROC, name.partition('_')[0]).density
+        for name, axis in found.axes.items()
+    ]
+    assert np.mean(densities) == pytest.approx(1, abs=0.01)
+    walks = [found.axes[f'accel_{axis}'].fit.walk.value / EUROC.accel.walk for axis in 'xyz']
+    assert np.mean(walks) == pytest.approx(1, abs=0.04)
+    (warning,) = found.warnings
+    assert warning.startswith(f'{100 * share:.0f}.')
+    assert found.signal.duration_s == pytest.approx(3_600, rel=1e-3)
+
+
+@pytest.mark.parametrize('share', [0.3, 0.6, 0.8])
+def test_of_a_record_with_holes_everywhere_nothing_is_told(share):
+    samples = rest(0.3)
+    stamps_ns = 20_000_000 * np.arange(len(samples))
+    kept = np.random.default_rng(3).random(len(samples)) > share
+    found = analysed(samples[kept], stamps_ns=stamps_ns[kept])
+    assert any('too many to tell any noise' in warning for warning in found.warnings)
+    for axis in found.axes.values():
+        assert np.isnan([axis.fit.density.value, axis.fit.walk.value]).all()
+        assert 'of the samples are missing' in axis.fit.density.reason
 
 
 def test_a_rotating_sensor_and_missing_gravity_are_reported():
@@ -106,7 +230,7 @@ def test_losses_gaps_and_shared_stamps_are_reported():
     kept = np.flatnonzero(np.arange(len(samples)) % 40 != 7)
     stamps_ns[20_000:] += 10**10
     warnings = ' '.join(analysed(samples[kept], stamps_ns=stamps_ns[kept]).warnings)
-    assert '2.6 % of the samples were lost' in warnings
+    assert '2.5 % of the samples are missing' in warnings
     assert 'cut into 2 segments; gaps: 1, samples lost in them: 500' in warnings
     stamps_ns = 20_000_000 * (np.arange(len(samples)) // 2 * 2)
     assert 'stamps are not those of the sensor' in ' '.join(

@@ -1,5 +1,7 @@
 """What is put in is found again: over many seeds, and never where it cannot be told."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -12,15 +14,16 @@ pytest.importorskip('allantools')
 SEEDS = range(20)
 
 
+@cache
+def fit_of(noise, hours, rate_hz, seed):
+    source = np.random.default_rng(seed)
+    values = simulate_axis(round(hours * 3600 * rate_hz), rate_hz, noise, source)
+    return fit_noise(allan_curve([values], rate_hz))
+
+
 def fits(noise, hours, rate_hz=20.0, seeds=SEEDS):
     """Return a fit for each seed; the rate matters little, since the noises are slower."""
-    count = round(hours * 3600 * rate_hz)
-    return [
-        fit_noise(
-            allan_curve([simulate_axis(count, rate_hz, noise, np.random.default_rng(s))], rate_hz)
-        )
-        for s in seeds
-    ]
+    return [fit_of(noise, hours, rate_hz, seed) for seed in seeds]
 
 
 def values(found, name):
@@ -77,6 +80,15 @@ def test_a_walk_that_the_record_is_too_short_for_is_null_below_an_upper_limit_th
     found = fits(noise, 0.5)
     assert np.isnan(values(found, 'walk')).all()
     assert sum(fit.walk.high >= noise.walk for fit in found) >= 18
+
+
+def test_the_upper_limit_of_a_bias_instability_that_is_not_told_holds():
+    """The lowest of deviations that scatter is too low a limit on average."""
+    noise = Noise(1.7e-4, 0.0, 3e-5)
+    found = [fit for fit in fits(noise, 1 / 3, seeds=range(60)) if np.isnan(fit.instability.value)]
+    assert len(found) > 20
+    held = [fit.instability.high >= noise.instability for fit in found]
+    assert np.mean(held) >= 0.9
 
 
 def test_a_record_of_seconds_gives_nothing_but_the_reason():

@@ -39,6 +39,16 @@ def test_it_has_the_parameters_and_why_one_is_not_known(parsed, analysis):
     assert f'{first:.3g} to {last:.4g}' in text
 
 
+def test_it_says_when_the_sensor_moved(parsed):
+    pytest.importorskip('allantools')
+    samples = simulate_noise(60_000, 50.0, EUROC, np.random.default_rng(2))
+    samples[30_000:30_250, 0] += 0.5
+    record = Record('moved')
+    record.add(10**18 + np.arange(60_000) * 20_000_000, samples)
+    text = parsed(html_document(analyse('moved', record.finish(), {}))).text
+    assert 'gyro_x changes in 2 of 1,200 seconds, beginning 600, 605 s after the start' in text
+
+
 def test_no_name_breaks_out_of_it(parsed, analysis):
     page = parsed(html_document(analysis))
     assert HOSTILE in page.text

@@ -81,15 +81,26 @@ def test_repeats_are_left_out_but_other_values_at_the_same_stamp_are_not(small_w
     np.testing.assert_array_equal(*joined(signal), samples)
 
 
-def test_a_few_lost_samples_are_interpolated(small_window):
+def test_a_few_lost_samples_are_passed_over_and_counted(small_window):
     stamps_ns, samples = made()
-    samples = np.cumsum(samples, axis=0)
     kept = np.delete(np.arange(3_000), [70, 1_000, 1_001, 1_002, 2_500])
     (found,) = joined(signal := taken(stamps_ns[kept], samples[kept]))
-    assert signal.counts.filled == 5
-    assert not signal.counts.gaps
-    np.testing.assert_array_equal(found[kept], samples[kept])
-    np.testing.assert_allclose(found[1_001], (samples[999] + samples[1_003]) / 2)
+    assert (signal.counts.missing, signal.counts.gaps) == (5, 0)
+    np.testing.assert_array_equal(found, samples[kept])
+    assert signal.missing == pytest.approx(5 / 3_000)
+    assert signal.rate_hz == pytest.approx(200.0, rel=1e-12)
+    assert signal.duration_s == pytest.approx(15.0)
+
+
+def test_times_are_those_of_the_stamps_whatever_is_lost(small_window):
+    stamps_ns, samples = made()
+    stamps_ns[2_000:] += 60 * 10**9
+    kept = np.delete(np.arange(3_000), np.arange(10, 2_000, 5))
+    signal = taken(stamps_ns[kept], samples[kept])
+    assert [segment.length for segment in signal.segments] == [1_602, 1_000]
+    times_s = signal.times_s(160)
+    np.testing.assert_allclose(times_s[:10], np.arange(10), atol=0.02)
+    np.testing.assert_allclose(times_s[10:], 70 + 0.8 * np.arange(6), atol=0.02)
 
 
 @pytest.mark.parametrize('begin', [1_000, 399, 400, 401, 2_980])
@@ -109,7 +120,7 @@ def test_jitter_is_no_loss(small_window, size_ns):
     stamps_ns, samples = made()
     jitter = np.random.default_rng(2).integers(0, size_ns, 3_000)
     signal = taken(stamps_ns + jitter, samples)
-    assert not signal.counts.filled
+    assert not signal.counts.missing
     assert not signal.counts.gaps
     np.testing.assert_array_equal(*joined(signal), samples)
     assert signal.rate_hz == pytest.approx(200.0, rel=1e-3)
@@ -120,7 +131,7 @@ def test_bursts_are_no_loss_and_a_loss_among_them_is_one(small_window):
     stamps_ns, samples = made()
     bursts_ns = FIRST_NS + (stamps_ns - FIRST_NS) // (8 * PERIOD_NS) * 8 * PERIOD_NS
     signal = taken(bursts_ns, samples)
-    assert (signal.counts.filled, signal.counts.gaps) == (0, 0)
+    assert (signal.counts.missing, signal.counts.gaps) == (0, 0)
     assert signal.counts.equal_stamps == 3_000 * 7 // 8
     assert signal.rate_hz == pytest.approx(200.0, rel=0.01)
     kept = np.delete(np.arange(3_000), np.arange(1_600, 1_800))
@@ -132,14 +143,14 @@ def test_bursts_are_no_loss_and_a_loss_among_them_is_one(small_window):
 def test_stamps_rounded_to_milliseconds_are_no_loss(small_window):
     stamps_ns = np.arange(3_000) * 7_812_500 // 1_000_000 * 1_000_000
     signal = taken(stamps_ns, made()[1])
-    assert (signal.counts.filled, signal.counts.gaps) == (0, 0)
+    assert (signal.counts.missing, signal.counts.gaps) == (0, 0)
     assert signal.rate_hz == pytest.approx(128.0, rel=1e-3)
 
 
 def test_a_drifting_clock_is_no_loss(small_window):
     stamps_ns = FIRST_NS + np.rint(np.arange(200_000) * PERIOD_NS * 1.0005).astype(int)
     signal = taken(stamps_ns, np.ones((200_000, 6)), 5_000)
-    assert (signal.counts.filled, signal.counts.gaps) == (0, 0)
+    assert (signal.counts.missing, signal.counts.gaps) == (0, 0)
     assert signal.rate_hz == pytest.approx(200 / 1.0005, rel=1e-7)
 
 
@@ -148,7 +159,7 @@ def test_ten_percent_of_losses_are_all_found(small_window):
     kept = np.sort(np.random.default_rng(1).permutation(20_000)[:18_000])
     signal = taken(stamps_ns[kept], samples[kept])
     missing = kept[-1] - kept[0] + 1 - 18_000
-    assert signal.counts.filled == missing
+    assert signal.counts.missing == missing
     assert signal.rate_hz == pytest.approx(200.0, rel=1e-6)
 
 
@@ -157,7 +168,7 @@ def test_what_is_not_finite_is_left_out_and_counted(small_window):
     samples[10, 3], samples[1_500, 0], samples[2_000, 5] = np.nan, np.inf, 1e300
     signal = taken(stamps_ns, samples)
     assert signal.counts.not_finite == 3
-    assert signal.counts.filled == 3
+    assert signal.counts.missing == 3
     with pytest.raises(ReadError, match=r'fewer than 10 .*left out: 3,000 NaN, infinite or above'):
         taken(stamps_ns, np.full((3_000, 6), 1e300))
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from vio_eval_ros.imu.allan import allan_curve, Curve
-from vio_eval_ros.imu.fit import Fit, fit_noise, NAMES
+from vio_eval_ros.imu.fit import Fit, fit_noise, MOST_MISSING, NAMES
 from vio_eval_ros.imu.record import AXES, NO_NUMBERS, Signal
+from vio_eval_ros.imu.rest import second_samples, Seconds, seconds, vibration
 
 #: What samples may be in, and how large one is in rad/s or m/s².
 UNITS = {
@@ -18,10 +20,10 @@ UNITS = {
 }
 # As rad/s no gyroscope is as noisy as this; as deg/s, those in use are noisier, but for the best.
 NOISY_AT_1_S = 1.5e-3
-MOVING = 4.0  # times the usual scatter within a second
 FASTEST_BIAS = 0.2  # rad/s
 GRAVITY, GRAVITY_ERROR = 9.81, 0.5  # m/s²
 MANY = 0.01
+NAMED = 5  # times at most
 
 
 class Unit(NamedTuple):
@@ -70,14 +72,15 @@ def analyse(source: str, signal: Signal, stated: dict[str, str]) -> Analysis:
     :param source: what to call it.
     :param stated: the unit of 'gyro' and of 'accel', where it is known.
     """
-    means, curves, scatter = [], [], []
-    for index in range(len(AXES)):
+    means, curves, parts, shaken = [], [], [], {}
+    for index, name in enumerate(AXES):
         segments = list(signal.axis(index))
         means.append(
             float(np.average([s.mean() for s in segments], weights=list(map(len, segments))))
         )
-        curves.append(allan_curve(segments, signal.rate_hz))
-        scatter.append(_scatter(segments, signal.rate_hz))
+        curves.append(allan_curve(segments, signal.mean_rate_hz))
+        parts.append(seconds(segments, signal.mean_rate_hz, signal.averaged))
+        shaken[name] = vibration(segments, curves[-1])
     units = {
         'gyro': _unit('gyro', stated, 'deg/s', _is_in_degrees(curves[:3])),
         'accel': _unit('accel', stated, 'g', abs(float(np.linalg.norm(means[3:])) - 1) < 0.2),
@@ -87,14 +90,28 @@ def analyse(source: str, signal: Signal, stated: dict[str, str]) -> Analysis:
         kind = name.partition('_')[0]
         size = UNITS[kind][units[kind].name]
         scaled = replace(curve, deviations=curve.deviations * size)
-        axes[name] = Axis(mean * size, scaled, fit_noise(scaled))
+        axes[name] = Axis(mean * size, scaled, fit_noise(scaled, signal.missing))
     warnings = [
         f'the {kind} is taken to be in {unit.name}, after its magnitude; if it is not, say so '
         f'with --{kind}-unit'
         for kind, unit in units.items()
         if unit.known == 'by magnitude'
     ]
-    warnings += [*_of_record(signal), *_of_rest(axes, np.array(scatter)), *_of_fits(axes)]
+    times_s = signal.times_s(second_samples(signal.mean_rate_hz))
+    each = dict(zip(AXES, parts, strict=True))
+    warnings += [
+        *_of_record(signal),
+        *_of_unrest(each, times_s),
+        *_of_means(axes),
+        *_of_values(each, times_s, units),
+        *(
+            f'{name}: a vibration of {found[0]:.3g} Hz raises its density by '
+            f'{100 * found[1]:.0f} %'
+            for name, found in shaken.items()
+            if found
+        ),
+        *_of_fits(axes),
+    ]
     return Analysis(source, signal, units, axes, warnings)
 
 
@@ -115,21 +132,19 @@ def _is_in_degrees(curves: list[Curve]) -> bool:
     return bool(levels) and float(np.median(levels)) > NOISY_AT_1_S
 
 
-def _scatter(segments: list[np.ndarray], rate_hz: float) -> np.ndarray:
-    """Return the standard deviation within each second (or 20 samples) of the record."""
-    size = max(round(rate_hz), 20)
-    return np.concatenate(
-        [values[: len(values) // size * size].reshape(-1, size).std(axis=1) for values in segments]
-    )
-
-
 def _of_record(signal: Signal) -> list[str]:
     """Return warnings of how the record was made."""
     counts = signal.counts
     found = []
-    if counts.filled > MANY * counts.samples:
-        share = 100 * counts.filled / counts.samples
-        found.append(f'{share:.1f} % of the samples were lost and are interpolated')
+    if signal.missing > MANY:
+        told = (
+            'too many to tell any noise'
+            if signal.missing > MOST_MISSING
+            else 'the density is what it would be of all of them'
+        )
+        found.append(
+            f'{100 * signal.missing:.1f} % of the samples are missing here and there: {told}'
+        )
     if counts.gaps:
         found.append(
             f'the record is cut into {len(signal.segments):,} segments; gaps: {counts.gaps:,}, '
@@ -149,21 +164,47 @@ def _of_record(signal: Signal) -> list[str]:
     return found
 
 
-def _of_rest(axes: dict[str, Axis], scatter: np.ndarray) -> list[str]:
-    """
-    Return warnings of an IMU that was not at rest.
+def _of_unrest(parts: dict[str, Seconds], times_s: np.ndarray) -> list[str]:
+    """Return a warning of movement, with its times."""
+    unrest = np.array([part.unrest() for part in parts.values()])
+    if not unrest.any():
+        return []
+    which = ', '.join(name for name, one in zip(parts, unrest, strict=True) if one.any())
+    when = _when(np.any(unrest, axis=0), times_s)
+    return [
+        f'the sensor was not at rest: {which} changes {when}: use what lies before, between '
+        'or after'
+    ]
 
-    :param scatter: (6, S) standard deviation of each axis within each second.
-    """
-    found = []
-    if scatter.shape[1]:
-        usual = np.median(scatter, axis=1, keepdims=True)
-        moving = np.flatnonzero((scatter > MOVING * usual).any(axis=0))
-        if len(moving):
-            found.append(
-                f'the sensor was not at rest for {len(moving):,} of {scatter.shape[1]:,} seconds, '
-                f'first {moving[0]:,} s after the start: leave those out'
+
+def _of_values(
+    parts: dict[str, Seconds], times_s: np.ndarray, units: dict[str, Unit]
+) -> Iterator[str]:
+    """Yield warnings of values that are not those of a noise."""
+    for name, part in parts.items():
+        if part.step:
+            unit = units[name.partition('_')[0]].name
+            yield (
+                f'{name}: its resolution, {part.step:.3g} {unit}, is coarser than its noise, of '
+                'which neither density nor walk can be trusted'
             )
+        elif part.still.any() and not part.still.all():
+            yield f'{name}: its value stands still {_when(part.still, times_s)}'
+
+
+def _when(which: np.ndarray, times_s: np.ndarray) -> str:
+    """Return how many seconds there are, and when each run of them begins."""
+    begins = times_s[which & ~np.concatenate([[False], which[:-1]])]
+    named = ', '.join(f'{time_s:,.0f}' for time_s in begins[:NAMED])
+    more = f' and {len(begins) - NAMED:,} times more' if len(begins) > NAMED else ''
+    return (
+        f'in {which.sum():,} of {len(which):,} seconds, beginning {named} s after the start{more}'
+    )
+
+
+def _of_means(axes: dict[str, Axis]) -> list[str]:
+    """Return warnings of means that no sensor at rest has."""
+    found = []
     rate = np.linalg.norm([axes[name].mean for name in AXES[:3]])
     if rate > FASTEST_BIAS:
         found.append(f'its mean angular rate is {rate:.3g} rad/s: it turns, or the unit is wrong')

@@ -9,7 +9,7 @@ from its neighbours on average.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -32,6 +32,9 @@ POINTS = 8  # fewer cannot tell three terms apart
 WHITE, NEAR = -0.5, 0.02  # the slope of white noise, and how close to it is
 SURE = 0.1  # a slope with a larger error does not tell where white noise begins
 MISFIT = 0.1
+# Share of missing samples. The rate of a sensor that loses half of its samples cannot be told,
+# and so many seem to be missing then.
+MOST_MISSING = 0.15
 
 
 @dataclass(frozen=True)
@@ -81,8 +84,17 @@ class Fit:
     ramp: bool
 
 
-def fit_noise(curve: Curve) -> Fit:
-    """Return the noise parameters of a curve."""
+def fit_noise(curve: Curve, missing: float = 0.0) -> Fit:
+    """
+    Return the noise parameters of a curve.
+
+    :param missing: which share of the samples is missing, with the others passed for neighbours
+        and the rate of the curve that of those: what a full record would have of white noise is
+        told, whatever is left of it.
+    """
+    if missing > MOST_MISSING:
+        reason = f'{100 * missing:.0f} % of the samples are missing'
+        return _nothing(curve, Parameter(reason=reason))
     if not curve.deviations.all():
         return _nothing(curve, Parameter(reason='its value never changes'))
     used = fitted(curve)
@@ -92,7 +104,9 @@ def fit_noise(curve: Curve) -> Fit:
         return _nothing(curve, Parameter(reason=reason, too_short=True))
     best = _estimate(curve, used, [0, 1, 2])
     limits = np.sqrt(np.maximum(best.squares, 0) + NORMAL_95 * best.spreads)
-    limits[1] = min(limits[1], curve.deviations[used].min() / np.sqrt(FLAT))
+    lowest = np.flatnonzero(used)[curve.variances[used].argmin()]
+    at_most = curve.variances[lowest] + NORMAL_95 * np.sqrt(best.covariance[lowest, lowest])
+    limits[1] = min(limits[1], np.sqrt(at_most / FLAT))
     while len(best.kept) > 1:
         weakest = best.kept[int(best.strength.argmin())]
         without = _estimate(curve, used, [term for term in best.kept if term != weakest])
@@ -117,7 +131,7 @@ def fit_noise(curve: Curve) -> Fit:
         for term in range(3)
     )
     return Fit(
-        density,
+        _scaled(density, float(np.sqrt(1 - missing))),
         instability,
         walk,
         range_s=range_s,
@@ -234,6 +248,13 @@ def _told(
     largest = taus_s[parts.argmax(axis=1) == term]
     dominates_s = (float(largest[0]), float(largest[-1])) if len(largest) else None
     return Parameter(float(np.sqrt(square)), low, high, dominates_s)
+
+
+def _scaled(parameter: Parameter, factor: float) -> Parameter:
+    value, low, high = (
+        factor * number for number in (parameter.value, parameter.low, parameter.high)
+    )
+    return replace(parameter, value=value, low=low, high=high)
 
 
 def _reason(term: int, range_s: tuple[float, float]) -> str:

@@ -1,7 +1,7 @@
 """
 A record of an IMU, put in order while it is read, in memory that does not grow with its length.
 
-Samples are sorted by stamp, repeats are left out, a few lost samples are interpolated and longer
+Samples are sorted by stamp, repeats are left out, a few lost samples are passed over and longer
 gaps cut the record into segments. Of a record longer than the capacity, first two, then four and
 so on consecutive samples are averaged into one, which leaves longer averaging times as they are.
 """
@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,7 +22,7 @@ CAPACITY = 6_000_000  # samples kept: 8 h at 200 Hz, 288 MB
 HELD = 1 << 16  # samples held back for others that come late
 NEAR = 16  # samples on either side of a suspected gap that tell whether it is one
 FEWEST = 10
-FILLED = 10  # lost in a row at most, to be interpolated
+PASSED_OVER = 10  # lost in a row at most
 NO_NUMBERS = 'NaN, infinite or above 1e12'
 STANDING = 'its stamps stand still; have the driver set them'
 
@@ -37,7 +38,8 @@ class Counts:
     :param not_finite: were left out for a NaN, an infinity or a number above 1e12.
     :param repeated: had stamp and values of the one before, and were left out.
     :param equal_stamps: had the stamp of the one before, but other values.
-    :param filled: were lost, at most ten in a row, and interpolated.
+    :param missing: were lost, at most ten in a row; those on either side are taken to follow each
+        other, which leaves white noise as it is.
     :param gaps: longer ones, which cut the record.
     :param lost: in those gaps.
     :param cut: left out to average whole groups.
@@ -49,38 +51,77 @@ class Counts:
     not_finite: int = 0
     repeated: int = 0
     equal_stamps: int = 0
-    filled: int = 0
+    missing: int = 0
     gaps: int = 0
     lost: int = 0
     cut: int = 0
 
 
+class Segment(NamedTuple):
+    """
+    What lies between two gaps.
+
+    :param begin_s: after the first stamp of the record, as is ``end_s``.
+    :param parts: (6, n), one row an axis of ``AXES``.
+    """
+
+    begin_s: float
+    end_s: float
+    parts: list[np.ndarray]
+
+    @property
+    def length(self) -> int:
+        """How many samples it has."""
+        return sum(part.shape[1] for part in self.parts)
+
+
 @dataclass(frozen=True, eq=False)
 class Signal:
     """
-    Evenly spaced samples.
+    Evenly spaced samples, but for those that are missing.
 
-    :param rate_hz: of these samples.
+    :param rate_hz: at which the sensor makes them, averaged as they are.
     :param averaged: how many recorded samples each of them is the average of.
     :param first_ns: stamp of the first.
-    :param segments: what lies between gaps, each in parts (6, n), one row an axis of ``AXES``.
     """
 
     rate_hz: float
     averaged: int
     first_ns: int
-    segments: list[list[np.ndarray]]
+    segments: list[Segment]
     counts: Counts
+
+    @property
+    def missing(self) -> float:
+        """Which share of the samples is missing."""
+        there = self.averaged * sum(segment.length for segment in self.segments)
+        return self.counts.missing / (self.counts.missing + there)
+
+    @property
+    def mean_rate_hz(self) -> float:
+        """The rate of the samples that are there."""
+        return self.rate_hz * (1 - self.missing)
 
     @property
     def duration_s(self) -> float:
         """The length of all segments together."""
-        return sum(len(values) for values in self.axis(0)) / self.rate_hz
+        return sum(segment.length for segment in self.segments) / self.mean_rate_hz
 
     def axis(self, index: int) -> Iterator[np.ndarray]:
         """Yield the (n,) samples of one axis, segment by segment."""
-        for parts in self.segments:
-            yield np.concatenate([part[index] for part in parts])
+        for segment in self.segments:
+            yield np.concatenate([part[index] for part in segment.parts])
+
+    def times_s(self, size: int) -> np.ndarray:
+        """Return when each group of some samples begins, counted within segments."""
+        return np.concatenate(
+            [
+                begin_s + (end_s - begin_s) * size / count * np.arange(count // size)
+                for begin_s, end_s, count in (
+                    (segment.begin_s, segment.end_s, segment.length) for segment in self.segments
+                )
+            ]
+        )
 
 
 @dataclass(eq=False)
@@ -102,7 +143,7 @@ class Record:
         # the last samples that were taken over, to compare the next with
         self._behind = np.empty(0, np.int64), np.empty((0, 6))
         self._period_ns = 0.0
-        self._first_ns = 0
+        self._edges_ns: list[int] = []  # first and last stamp of each segment
         self._elapsed_ns, self._intervals = 0, 0
         self._averaged = 1
         self._segments: list[list[np.ndarray]] = [[]]
@@ -143,10 +184,16 @@ class Record:
         if not self._elapsed_ns:
             raise ReadError(self.source, STANDING)
         self._close()
-        segments = [parts for parts in self._segments if parts]
+        self._edges_ns.append(int(self._behind[0][-1]))
+        edges_s = (np.array(self._edges_ns).reshape(-1, 2) - self._edges_ns[0]) / 1e9
+        segments = [
+            Segment(begin_s, end_s, parts)
+            for (begin_s, end_s), parts in zip(edges_s.tolist(), self._segments, strict=True)
+            if parts
+        ]
         period_s = self._elapsed_ns / self._intervals / 1e9
         rate_hz = 1 / period_s / self._averaged
-        return Signal(rate_hz, self._averaged, self._first_ns, segments, self.counts)
+        return Signal(rate_hz, self._averaged, self._edges_ns[0], segments, self.counts)
 
     def _take_over(self, held: int) -> None:
         """Put in order what is waiting, and take it over but for the last ``held`` samples."""
@@ -157,7 +204,7 @@ class Record:
         if end == old:
             return
         if not old:
-            self._first_ns = int(stamps[0])
+            self._edges_ns.append(int(stamps[0]))
             self._period_ns = self._period(stamps)
             self._rest = samples[:1]
         lost = _lost(stamps, self._period_ns)
@@ -167,7 +214,7 @@ class Record:
         self._elapsed_ns += int(steps[lost == 0].sum())
         self._intervals += int((lost == 0).sum())
         self.counts.equal_stamps += int((steps == 0).sum())
-        self._cut_and_fill(samples[begin - 1 : end], lost)
+        self._cut(stamps[begin - 1 : end], samples[begin - 1 : end], lost)
         self._behind = stamps[max(end - NEAR, 0) : end], samples[max(end - NEAR, 0) : end]
 
     def _ordered(self) -> tuple[np.ndarray, np.ndarray]:
@@ -211,28 +258,25 @@ class Record:
             )
         return period
 
-    def _cut_and_fill(self, samples: np.ndarray, lost: np.ndarray) -> None:
+    def _cut(self, stamps: np.ndarray, samples: np.ndarray, lost: np.ndarray) -> None:
         """
         Store samples, of which the first is stored already.
 
+        :param stamps: (N + 1,).
         :param samples: (N + 1, 6).
         :param lost: (N,) samples lost in front of each of the others.
         """
-        cuts = np.flatnonzero(lost > FILLED)
+        cuts = np.flatnonzero(lost > PASSED_OVER)
         self.counts.gaps += len(cuts)
         self.counts.lost += int(lost[cuts].sum())
-        for begin, end in zip([-1, *cuts.tolist()], [*cuts.tolist(), len(lost)], strict=True):
-            if begin >= 0:
-                self._close()
-                self._segments.append([])
-            # from the sample in front of each piece on, which is stored where there is no cut
-            piece, fill = samples[begin + 1 : end + 1], lost[begin + 1 : end]
-            if fill.any():
-                self.counts.filled += int(fill.sum())
-                at = np.concatenate([[0], np.cumsum(1 + fill)])
-                every = np.arange(at[-1] + 1)
-                piece = np.stack([np.interp(every, at, column) for column in piece.T], axis=1)
-            self._store(piece[1:] if begin < 0 else piece)
+        self.counts.missing += int(lost.sum() - lost[cuts].sum())
+        first, *others = np.split(samples[1:], cuts)
+        self._store(first)
+        for cut, piece in zip(cuts.tolist(), others, strict=True):
+            self._close()
+            self._segments.append([])
+            self._edges_ns += [int(stamps[cut]), int(stamps[cut + 1])]
+            self._store(piece)
 
     def _store(self, samples: np.ndarray) -> None:
         samples = np.concatenate([self._rest, samples])
