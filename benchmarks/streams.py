@@ -134,6 +134,19 @@ def repeated(stream: Stream, source: np.random.Generator) -> Stream:
     return kept(stream, np.sort(np.concatenate([np.arange(len(stream)), twice])))
 
 
+def nearly_repeated(stream: Stream, source: np.random.Generator) -> Stream:
+    """Return the messages with twenty of them twice, the second time a microsecond later."""
+    twice = repeated(stream, source)
+    return stamped(twice, twice.times_ns + 1000 * np.append(False, np.diff(twice.times_ns) == 0))
+
+
+def misstamped(stream: Stream, source: np.random.Generator) -> Stream:
+    """Return the messages, of which one is stamped 1000 s ahead."""
+    stamps_ns = stream.times_ns.copy()
+    stamps_ns[len(stamps_ns) // 2] += 10**6 * MS
+    return stamped(stream, stamps_ns)
+
+
 def jittering(stream: Stream, source: np.random.Generator) -> Stream:
     """Return the messages with stamps that scatter by 3 ms."""
     return stamped(stream, stream.times_ns + source.normal(0, 3 * MS, len(stream)))
@@ -181,6 +194,11 @@ def unstamped(stream: Stream, source: np.random.Generator) -> Stream:
 def thinned(stream: Stream, source: np.random.Generator) -> Stream:
     """Return every fourth message."""
     return kept(stream, np.arange(0, len(stream), 4))
+
+
+def halved(stream: Stream, source: np.random.Generator) -> Stream:
+    """Return every second message."""
+    return kept(stream, np.arange(0, len(stream), 2))
 
 
 def stuck(columns: slice, begin_s: float, end_s: float) -> Harm:
@@ -259,9 +277,13 @@ FAULTS = (
     Fault('IMU stuck for 0.1 s', IMU0, stuck(slice(6), 30, 30.1)),
     Fault('IMU stuck for 3 s', IMU0, stuck(slice(6), 30, 33)),
     Fault('gyroscope stuck for the last 10 s', IMU0, stuck(slice(3), 50, 60)),
+    Fault('gyroscope x stuck for 20 s', IMU0, stuck(slice(0, 1), 20, 40)),
     Fault('gap of 0.3 s in the IMU', IMU0, silent(30, 30.3)),
     Fault('gap of 2 s in a camera', CAM0, silent(30, 32)),
     Fault('20 frames twice', CAM0, repeated),
+    Fault('20 frames twice, 1 µs later', CAM0, nearly_repeated),
+    Fault('one frame stamped 1000 s ahead', CAM0, misstamped),
+    Fault('one camera at half the rate', CAM1, halved),
     Fault('camera begins 3 s late', CAM1, silent(0, 3)),
     Fault('camera ends 3 s early', CAM1, silent(57, SECONDS)),
     Fault('camera is silent', CAM1, silent(0, SECONDS)),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 import re
 from typing import Any
@@ -72,6 +73,67 @@ def test_wrong_calibrations_are_named(tmp_path, cameras, names):
     assert {one.name for one in found} == names
 
 
+def turned(matrix: np.ndarray) -> np.ndarray:
+    other = matrix.copy()
+    other[:3, :3] = matrix[:3, :3].T
+    return other
+
+
+# as TUM-VI's rig, whose rotations are nearly their own inverse
+TUM_LEFT = np.linalg.inv(pose([1.5, 126, 127.3], [0.047, -0.047, -0.068]))
+TUM_RIGHT = np.linalg.inv(pose([0, 128.8, 126.4], [-0.054, -0.046, -0.071]))
+
+
+@pytest.mark.parametrize('key', ['T_imu_cam', 'T_cam_imu'])
+@pytest.mark.parametrize('rig', [(LEFT, RIGHT), (TUM_LEFT, TUM_RIGHT)])
+@pytest.mark.parametrize('harmed', [('cam0',), ('cam1',), ('cam0', 'cam1')])
+@pytest.mark.parametrize(
+    ('harm', 'words'),
+    [(np.linalg.inv, 'were the inverse of what the name says'), (turned, 'were transposed')],
+)
+def test_a_chain_that_does_not_close_tells_what_is_inverted(
+    tmp_path, key, rig, harmed, harm, words
+):
+    cameras = stereo(key, *(m if key == 'T_imu_cam' else np.linalg.inv(m) for m in rig))
+    cameras['cam1']['T_cn_cnm1'] = np.linalg.inv(rig[1]) @ rig[0]
+    right = written(tmp_path / 'right.yaml', **cameras)
+    assert checked(right).findings == []
+    for name in harmed:
+        cameras[name][key] = harm(cameras[name][key])
+    (found,) = checked(written(tmp_path / 'chain.yaml', **cameras)).findings
+    assert found.name == 'direction'
+    said = ' and '.join(f'{key} of {name}' for name in harmed)
+    assert f'{said} {words}' in found.message
+
+
+def test_a_camera_before_that_is_inverted_is_told(tmp_path):
+    second = {'T_imu_cam': RIGHT, 'T_cn_cnm1': np.linalg.inv(LEFT) @ RIGHT}
+    file = written(tmp_path / 'chain.yaml', cam0={'T_imu_cam': LEFT}, cam1=second)
+    (found,) = checked(file).findings
+    assert (found.name, 'T_cn_cnm1 were its inverse' in found.message) == ('direction', True)
+
+
+@pytest.mark.parametrize(
+    ('rotation_deg', 'up', 'level'),
+    [
+        ([0, 0, 90], [9.81, 0, 0], None),  # upright
+        ([0, 0, -90], [9.81, 0, 0], 'info'),  # upside down, and upright if it were inverted
+        ([0, 180, 0], [0, 0, 9.81], None),  # looks down, whichever way it is read
+        ([69.28, 69.28, 69.28], [9.81, 0, 0], None),
+        ([69.28, -69.28, -69.28], [9.81, 0, 0], 'warn'),
+    ],
+)
+def test_a_camera_that_would_be_upright_the_other_way_is_told(
+    tmp_path, rig, rotation_deg, up, level
+):
+    numbers = np.random.default_rng(1).normal(0, 0.003, rig['imu'].numbers.shape)
+    still = replace(rig['imu'], numbers=numbers + np.append([0, 0, 0], up))
+    camera = {'T_imu_cam': pose(rotation_deg, [0.01, 0.02, 0.03])}
+    chains = read_chains([written(tmp_path / 'chain.yaml', cam0=camera)])
+    found = check_calibration(chains, inspect([still])).findings
+    assert [(one.name, one.level) for one in found] == [('direction', level)] * bool(level)
+
+
 def test_a_chain_of_cameras_gives_the_same_as_one_from_the_imu(tmp_path):
     first, second = {'T_cam_imu': np.linalg.inv(LEFT)}, np.linalg.inv(RIGHT) @ LEFT
     file = written(tmp_path / 'camchain.yaml', cam0=first, cam1={'T_cn_cnm1': second})
@@ -136,6 +198,31 @@ def test_a_file_of_noise_alone_is_one_of_kalibrs(tmp_path):
     (told,) = calibration.sentences.values()
     assert told[0].startswith('imu0: gyroscope_noise_density 0.00017 rad/s/√Hz')
     assert calibration.to_dict()['chains'][0]['imus'] == {'imu0': KALIBR}
+
+
+@pytest.mark.parametrize(('rate_hz', 'count'), [(100.0, 1), (195.0, 0), (200.0, 0)])
+def test_a_rate_that_the_imu_of_the_recording_does_not_have_is_named(
+    tmp_path, rig, rate_hz, count
+):
+    file = tmp_path / 'imu.yaml'
+    file.write_text(yaml.safe_dump(KALIBR | {'update_rate': rate_hz}))
+    found = check_calibration(read_chains([file]), inspect([rig['imu']])).findings
+    assert [(one.name, one.level) for one in found] == [('imu_noise', 'warn')] * count
+
+
+@pytest.mark.parametrize(
+    ('sensor', 'density', 'walk', 'count'),
+    [
+        ('gyroscope', 2e-5, 1.7e-4, 1),
+        ('accelerometer', 2e-4, 2e-3, 1),
+        ('accelerometer', 2e-3, 3e-3, 0),  # as EuRoC's
+    ],
+)
+def test_densities_that_are_exchanged_with_walks_are_named(tmp_path, sensor, density, walk, count):
+    changed = {f'{sensor}_noise_density': density, f'{sensor}_random_walk': walk}
+    found = noted(tmp_path / 'imu.yaml', **changed).findings
+    assert [one.level for one in found if 'exchanged?' in one.message] == ['warn'] * count
+    assert len(found) == count
 
 
 @pytest.mark.parametrize('key', KALIBR)

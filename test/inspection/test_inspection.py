@@ -12,7 +12,7 @@ from vio_eval_ros.core import rotation
 from vio_eval_ros.core.stream import Stream
 from vio_eval_ros.inspection.documents import json_document, Report, text_document
 from vio_eval_ros.inspection.findings import Finding
-from vio_eval_ros.inspection.html import period_over_time, timeline
+from vio_eval_ros.inspection.html import html_document, period_over_time, timeline
 from vio_eval_ros.inspection.inspection import inspect, Inspection
 
 IMAGE, IMU = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/Imu'
@@ -388,9 +388,69 @@ def test_stamps_that_are_wrong_for_a_moment_make_nothing_late(rig):
     stamps_ns[[1000, *range(2000, 2100)]] -= 2 * 10**9
     stamps_ns[[3000, 4000]] += 2 * 10**9
     inspection = inspected(rig, imu=replace(rig['imu'], stamps_ns=stamps_ns))
-    names = {one.name for one in inspection.findings}
-    assert 'out_of_order' in names
-    assert 'late_arrival' not in names
+    assert [one.name for one in inspection.findings] == ['wrong_stamp']
+    found = inspection.findings[0]
+    assert (found.count, found.level) == (103, 'fail')
+    assert found.value == pytest.approx(2, abs=1e-4)
+    assert [m.begin_ns for m in found.moments][1] == stamps_ns[2000]
+
+
+@pytest.mark.parametrize(
+    ('name', 'off_ns', 'level'),
+    [('cam0', 10**12, 'fail'), ('cam0', -(10**12), 'fail'), ('imu', 4_000_000, 'warn'),
+     ('imu', -4_000_000, 'warn'), ('pose', 10**12, 'warn')],
+)  # fmt: skip
+def test_one_wrong_stamp_is_one_fault_and_no_gap(rig, name, off_ns, level):
+    stamps_ns = rig[name].stamps_ns.copy()
+    stamps_ns[500] += off_ns
+    inspection = inspected(rig, **{name: replace(rig[name], stamps_ns=stamps_ns)})
+    assert [(one.name, one.level, one.count) for one in inspection.findings] == [
+        ('wrong_stamp', level, 1)
+    ]
+    figures = next(e.timing for e in inspection.streams if e.stream.topic == rig[name].topic)
+    assert (figures.missing, figures.backward) == (0, 0)
+    assert inspection.findings[0].value == pytest.approx(abs(off_ns) / 1e9, abs=1e-4)
+
+
+def test_stamps_that_are_often_wrong_are_not_corrected(rig):
+    source, stamps_ns = np.random.default_rng(9), rig['imu'].stamps_ns.copy()
+    stamps_ns[10:-10:40] += source.integers(3_000_000, 4_900_000, len(stamps_ns[10:-10:40]))
+    found = wrong(inspected(rig, imu=replace(rig['imu'], stamps_ns=stamps_ns)))
+    assert ('jitter', '/imu0') in found
+    assert ('wrong_stamp', '/imu0') not in found
+
+
+def test_a_frame_that_is_lost_and_one_that_comes_twice_are_no_wrong_stamps(rig):
+    twice = np.sort(np.append(np.setdiff1d(np.arange(600), [200]), 203))
+    found = wrong(inspect([kept(rig['cam0'], twice)]))
+    assert found == {(name, '/cam0/image_raw') for name in ('dropped', 'duplicate_stamps')}
+
+
+@pytest.mark.parametrize('sign', [1, -1])
+def test_a_clock_that_steps_alone_is_not_the_recorders(rig, sign):
+    late = sign * 10_000_000 * (np.arange(len(rig['imu'])) > 3000)
+    transported = replace(rig['imu'], logged_ns=np.sort(rig['imu'].logged_ns + late))
+    found = the(inspected(rig, imu=transported), 'clock_step')
+    assert (found.topic, found.level) == ('/imu0', 'warn')
+    assert 'that of no other stream' in found.message
+
+
+def test_a_clock_that_steps_for_all_is_the_recorders(rig):
+    stepped = [
+        replace(
+            s, logged_ns=s.logged_ns + 20_000_000 * (s.stamps_ns > s.stamps_ns[0] + 15 * 10**9)
+        )
+        for s in rig.values()
+    ]
+    found = [one for one in inspect(stepped).findings if one.name == 'clock_step']
+    assert [one.level for one in found] == ['info'] * len(rig)
+
+
+def test_stamps_that_are_set_back_by_two_periods_are_found(rig):
+    # from the one before to the first of them is one period, backwards
+    stamps_ns = rig['imu'].stamps_ns - 10_000_000 * (np.arange(len(rig['imu'])) >= 3000)
+    found = the(inspect([replace(rig['imu'], stamps_ns=stamps_ns)]), 'clock_step')
+    assert 'most likely that of the stamps' in found.message
 
 
 @pytest.mark.parametrize('names', [('cam0', 'imu'), ('cam0', 'cam1', 'imu', 'second')])
@@ -465,6 +525,41 @@ def test_frames_without_partner_are_counted_on_their_side(rig):
     ]
 
 
+@pytest.mark.parametrize('times', [2, 4])
+@pytest.mark.parametrize('name', ['cam0', 'cam1'])
+def test_cameras_of_different_rates_are_a_pair(rig, name, times):
+    slow = kept(rig[name], np.arange(0, len(rig[name]), times))
+    inspection = inspected(rig, **{name: slow})
+    (pair,) = inspection.pairs
+    assert pair.first == slow.topic
+    assert pair.skew_s == pytest.approx(0, abs=1e-5)
+    found = the(inspection, 'unsynchronised')
+    # between the first and the last frame of the slow one
+    assert found.count == pair.unsynchronised == (len(slow) - 1) * (times - 1)
+    assert f'the rates are {20 // times} and 20 Hz' in found.message
+    assert wrong(inspection) == {('unsynchronised', found.topic)}
+
+
+def test_frames_without_partner_in_a_row_are_one_time_from_begin_to_end(rig):
+    camera = rig['cam1']
+    late = 5_000_000 * (np.arange(len(camera)) >= 340)
+    report = Report('run', inspected(rig, cam1=replace(camera, stamps_ns=camera.stamps_ns + late)))
+    found = the(report.inspection, 'unsynchronised')
+    begin_ns, end_ns = found.moments[0].begin_ns, found.moments[0].end_ns
+    assert end_ns - begin_ns == pytest.approx(13e9, abs=1e8)
+    (line,) = [
+        one for one in timeline(report)['data'] if one.get('mode') == 'lines' and any(one['x'])
+    ]
+    assert max(x for x in line['x'] if x is not None) == pytest.approx(30, abs=0.1)
+
+
+def test_the_streams_are_all_there_in_a_narrow_window(rig):
+    page = str(html_document(Report('run', inspected(rig))))
+    table = page[page.index('Streams</h2>') :].partition('</table>')[0]
+    assert 'overflow-x:auto' in table
+    assert 'minor' not in table
+
+
 def test_cameras_that_run_freely_are_told(rig):
     camera = rig['cam1']
     elapsed = camera.stamps_ns - camera.stamps_ns[0]
@@ -481,6 +576,19 @@ def test_duplicates_are_found(rig):
     inspection = inspected(rig, imu=kept(rig['imu'], order))
     assert wrong(inspection) == {('duplicate_stamps', '/imu0')}
     assert the(inspection, 'duplicate_stamps').count == 3
+
+
+@pytest.mark.parametrize('off_ns', [1, 1000])
+def test_frames_that_come_again_with_nearly_the_same_stamp_are_duplicates(rig, off_ns):
+    order = np.sort(np.append(np.arange(600), np.arange(100, 120)))
+    again = kept(rig['cam0'], order)
+    stamps_ns = again.stamps_ns + off_ns * np.append(False, np.diff(order) == 0)
+    inspection = inspected(rig, cam0=replace(again, stamps_ns=stamps_ns))
+    assert wrong(inspection) == {('duplicate_stamps', '/cam0/image_raw')}
+    found = the(inspection, 'duplicate_stamps')
+    assert found.count == 20
+    assert 'or one that is off by up to' in found.message
+    assert found.moments[0].begin_ns == rig['cam0'].stamps_ns[100]
 
 
 @pytest.mark.parametrize(
@@ -516,6 +624,35 @@ def test_an_imu_that_is_partly_stuck_is_one_fault(rig, axes, part, words):
     inspection = inspected(rig, imu=replace(rig['imu'], numbers=numbers))
     assert wrong(inspection) == {('stuck', '/imu0')}
     assert the(inspection, 'stuck').message.startswith(words)
+
+
+@pytest.mark.parametrize(
+    ('axes', 'begin', 'end', 'words'),
+    [
+        ([0], 2000, 2200, '200 samples repeat the one before in gyroscope x,'),
+        ([5], 1000, 5000, '4000 samples repeat the one before in accelerometer z,'),
+        ([0, 2], 2000, 4000, '2000 samples repeat the one before in gyroscope x, gyroscope z,'),
+    ],
+)
+@pytest.mark.parametrize('value', [None, 0.0])
+def test_an_axis_that_is_stuck_and_comes_back_is_found(rig, axes, begin, end, words, value):
+    numbers = rig['imu'].numbers.copy()
+    numbers[begin:end, axes] = numbers[begin, axes] if value is None else value
+    inspection = inspected(rig, imu=replace(rig['imu'], numbers=numbers))
+    assert wrong(inspection) == {('stuck', '/imu0')}
+    found = the(inspection, 'stuck')
+    assert found.message.startswith(words)
+    assert found.moments[0].begin_ns == rig['imu'].stamps_ns[begin]
+
+
+@pytest.mark.parametrize('width', [0.01, 0.04])
+def test_a_coarse_axis_that_hardly_moves_is_not_stuck(rig, width):
+    numbers = rig['imu'].numbers.copy()
+    source = np.random.default_rng(5)
+    slow = 0.02 * np.sin(np.arange(len(numbers)) / 300) + source.normal(0, 1e-4, len(numbers))
+    numbers[:, 0] = np.round(slow / width) * width + width * (np.arange(len(numbers)) == 3000)
+    found = wrong(inspected(rig, imu=replace(rig['imu'], numbers=numbers)))
+    assert found == set()
 
 
 def test_samples_that_are_sent_twice_are_warned_of(rig):
@@ -637,6 +774,43 @@ def test_a_step_of_the_bias_is_found(seed, axis):
     # a scale that is off, or a bias that never was zero, is no step
     numbers = imu.numbers * np.repeat([1.02, 1], 3) + np.repeat([0.05, 0], 3)
     assert wrong(inspect([replace(imu, numbers=numbers)])) == set()
+
+
+def test_a_gap_does_not_hide_a_step_of_the_bias():
+    imu = held(1)
+    numbers = imu.numbers.copy()
+    numbers[3200:, 0] += 0.1
+    gap = kept(replace(imu, numbers=numbers), np.r_[0:1000, 1015:6000])
+    assert the(inspect([gap]), 'bias_step').value == pytest.approx(0.1, rel=0.3)
+    # nor is it one
+    assert 'bias_step' not in {n for n, _ in wrong(inspect([kept(imu, np.r_[0:1000, 1015:6000])]))}
+
+
+def driven(seed: int) -> Stream:
+    """Return the IMU of a car: it accelerates for seconds, which is not distinct from a tilt."""
+    source, elapsed = np.random.default_rng(seed), np.arange(0, 300, 0.02)
+
+    def smooth(over_s: float) -> np.ndarray:
+        frequencies = np.fft.rfftfreq(len(elapsed), 0.02)
+        kept = np.exp(-0.5 * (2 * np.pi * frequencies * over_s) ** 2)
+        values = np.fft.irfft(kept * np.fft.rfft(source.normal(size=len(elapsed))), len(elapsed))
+        return values / values.std()
+
+    speed, tips = 8 + 3 * smooth(6), 0.01 * smooth(0.3)
+    rate = 0.25 * smooth(2.5) * speed / 8
+    columns = [tips, tips, rate, np.gradient(speed, elapsed), speed * rate, 9.81 + 0 * rate]
+    numbers = np.stack(columns, axis=1)
+    numbers += source.normal(0, [0.003] * 3 + [0.05] * 3, numbers.shape)
+    stamps_ns = FIRST_NS + np.arange(len(elapsed)) * 20_000_000
+    return Stream('/imu0', IMU, 'imu', stamps_ns + 4_000_000, stamps_ns, {}, numbers)
+
+
+def test_a_car_that_accelerates_has_no_step_of_the_bias():
+    cars = [driven(seed) for seed in range(40)]
+    assert [wrong(inspect([car])) for car in cars] == [set()] * 40
+    for car in cars[:5]:
+        numbers = car.numbers + 0.3 * np.outer(np.arange(len(car)) > 7000, [1, 0, 0, 0, 0, 0])
+        assert the(inspect([replace(car, numbers=numbers)]), 'bias_step').value > 0.2
 
 
 def test_turning_gravity_is_no_acceleration(rig):

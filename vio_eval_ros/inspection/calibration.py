@@ -29,6 +29,11 @@ NOISE = {
     'accelerometer_noise_density': ('m/s²/√Hz', 1e-6, 1.0),
     'accelerometer_random_walk': ('m/s³/√Hz', 1e-8, 0.1),
 }
+# What a random walk is larger than where it was exchanged with the density: so many times it. That
+# of accelerometers is often enlarged for a filter
+EXCHANGED = {'gyroscope': 1.0, 'accelerometer': 3.0}
+# The rate of the recording is the one that is given, within this part
+SAME_RATE = 0.1
 RATES = dict.fromkeys(('update_rate', 'rate_hz'), ('Hz', 10.0, 20_000.0))
 # OpenCV's own files begin so, which is no YAML
 OPENCV = '%YAML:'
@@ -39,6 +44,10 @@ LARGEST_ENTRY = 1e6
 LONGEST_ARM_M, BASELINE_M = 2.0, (0.005, 2.0)
 SIDEWAYS = 0.7
 MISMATCH_M, MISMATCH_DEG = 0.005, 0.5
+# A file agrees with itself as well as it has digits
+SAME_M, SAME_DEG = 0.001, 0.1
+# A camera stands upright where -y of it is within this of up
+UPRIGHT_DEG = 20.0
 LARGEST_SHIFT_S = 0.1
 
 
@@ -150,12 +159,12 @@ def check_calibration(chains: Sequence[Chain], inspection: Inspection) -> Calibr
     findings: list[Finding] = []
     sentences: dict[str, list[str]] = {}
     for chain in chains:
-        findings += [*_rigid(chain), *_long(chain), *_noise(chain)]
+        findings += [*_rigid(chain), *_long(chain), *_noise(chain, inspection)]
         told = [_direction(chain, name) for name in chain.cameras]
         for first, second in pairwise(chain.cameras):
             if not chain.arms.keys() & {first, second}:
                 told += _stereo(chain, first, second, findings)
-        told += [*_shifts(chain, findings), *_up(chain, inspection), *_said(chain)]
+        told += [*_shifts(chain, findings), *_up(chain, inspection, findings), *_said(chain)]
         sentences[chain.source] = told or ['there is no camera in it']
     with_cameras = [chain for chain in chains if chain.cameras]
     for chain in with_cameras[1:]:
@@ -286,8 +295,9 @@ def _long(chain: Chain) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _noise(chain: Chain) -> Iterator[Finding]:
-    """Yield what no IMU has: figures of noise that are not positive, far off or not there."""
+def _noise(chain: Chain, inspection: Inspection) -> Iterator[Finding]:
+    """Yield what no IMU has, figures of noise that are far off or not there, or what this has."""
+    recorded = [e.timing.rate_hz for e in inspection.streams if e.inertial is not None]
     for name, figures in chain.noise.items():
         where = f'{chain.source}:{name}'
         for key, (unit, least, most) in (NOISE | RATES).items():
@@ -301,6 +311,29 @@ def _noise(chain: Chain) -> Iterator[Finding]:
         lacking = [key for key in NOISE if key not in figures]
         if len(lacking) < len(NOISE) and lacking:
             yield Finding('imu_noise', where, 'warn', f'there is no {" and no ".join(lacking)}')
+        for sensor, times in EXCHANGED.items():
+            density, walk = f'{sensor}_noise_density', f'{sensor}_random_walk'
+            pair = [figures.get(key, math.nan) for key in (density, walk)]
+            is_known = all(
+                NOISE[key][1] <= value <= NOISE[key][2]
+                for key, value in zip((density, walk), pair, strict=True)
+            )
+            if is_known and pair[1] > times * pair[0]:
+                yield Finding(
+                    'imu_noise', where, 'warn',
+                    f'{walk} {pair[1]:g} is larger than {density} {pair[0]:g}: exchanged?',
+                    value=pair[1] / pair[0], unit='ratio',
+                )  # fmt: skip
+        for key, (_, least, most) in RATES.items():
+            rate_hz = figures.get(key, math.nan)
+            differs = all(abs(one - rate_hz) > SAME_RATE * one for one in recorded)
+            if recorded and differs and least <= rate_hz <= most:
+                shown = ' and '.join(f'{one:.4g}' for one in recorded)
+                yield Finding(
+                    'imu_noise', where, 'warn',
+                    f'{key} is {rate_hz:g} Hz; the IMU of the recording has {shown} Hz',
+                    value=rate_hz, unit='Hz',
+                )  # fmt: skip
 
 
 def _direction(chain: Chain, name: str) -> str:
@@ -334,36 +367,81 @@ def _stereo(chain: Chain, first: str, second: str, findings: list[Finding]) -> I
         f'{second} is {1e3 * baseline:.2f} mm from {first}, along {along} of {first}, '
         f'{angle_deg(relative[:3, :3]):.2f} deg turned'
     )
-    # as if both were given the other way round
-    inverse = (chain.cameras[first] @ _inverse(chain.cameras[second]))[:3, 3]
     is_sideways = abs(place[0]) >= SIDEWAYS * baseline
     faces_alike = relative[2, 2] > SIDEWAYS
-    if not is_sideways and abs(inverse[0]) >= SIDEWAYS * np.linalg.norm(inverse):
-        message = (
-            f'{second} is not beside {first}, but would be if {chain.said[second]} were the '
-            'inverse of what its name says'
-        )
-        findings.append(Finding('direction', where, 'warn', message))
-    elif is_sideways and faces_alike and place[0] < 0:
+    ways: list[tuple[str, np.ndarray]] = []
+    if _is_given_twice(chain, second):
+        disagree = list(_between(chain, first, second, relative))
+        findings += disagree
+        if disagree:
+            return
+    elif not chain.said[first] or chain.said[second] != 'T_cn_cnm1':
+        names = (first, second) if chain.said[first] else (second,)
+        ways = [
+            (way, (_inverse(cameras[first]) @ cameras[second])[:3, 3])
+            for way, cameras in _ways(chain, names)
+        ]
+    if not is_sideways:
+        beside = [way for way, to in ways if abs(to[0]) >= SIDEWAYS * np.linalg.norm(to)]
+        if beside:
+            message = f'{second} is not beside {first}, but would be if {" or ".join(beside)}'
+            findings.append(Finding('direction', where, 'warn', message))
+        return
+    if faces_alike and place[0] < 0:
         message = f'{first} is the right camera, {second} the left'
+        if left := [way for way, to in ways if to[0] >= SIDEWAYS * np.linalg.norm(to)]:
+            message += f', unless {" or ".join(left)}'
         offset = float(place[0])
         findings.append(Finding('camera_order', where, 'warn', message, value=offset, unit='m'))
-    elif is_sideways and faces_alike:
+    elif faces_alike:
         yield f'{first} is the left camera, {second} the right'
-    findings += _between(chain, second, relative)
 
 
-def _between(chain: Chain, second: str, relative: np.ndarray) -> Iterator[Finding]:
-    """Yield that a camera is given twice, and not alike."""
-    if second in chain.between and chain.said[second] != 'T_cn_cnm1':
-        metres, degrees = _apart(_inverse(chain.between[second]), relative)
-        if metres > MISMATCH_M or degrees > MISMATCH_DEG:
-            yield Finding(
-                'chain_mismatch', f'{chain.source}:{second}', 'warn',
-                f'T_cn_cnm1 and {chain.said[second]} disagree by {1e3 * metres:.3g} mm and '
-                f'{degrees:.3g} deg',
-                value=metres, unit='m',
-            )  # fmt: skip
+def _ways(chain: Chain, names: Sequence[str]) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
+    """Yield in words how else some cameras may have been meant, and all as they would be then."""
+    said = ' and '.join(f'{chain.said[name]} of {name}' for name in names)
+    inverted = {name: _inverse(chain.cameras[name]) for name in names}
+    yield f'{said} were the inverse of what the name says', chain.cameras | inverted
+    turned = {}
+    for name in names:
+        matrix = chain.given[name, chain.said[name]].copy()
+        matrix[:3, :3] = matrix[:3, :3].T
+        turned[name] = matrix if chain.said[name] in FROM_CAMERA else _inverse(matrix)
+    yield f'the rotation in {said} were transposed', chain.cameras | turned
+
+
+def _is_given_twice(chain: Chain, second: str) -> bool:
+    """Return whether a file has a camera both in the IMU and in the camera before it."""
+    return second in chain.between and chain.said[second] != 'T_cn_cnm1'
+
+
+def _between(chain: Chain, first: str, second: str, relative: np.ndarray) -> Iterator[Finding]:
+    """Yield that a camera is given twice, and not alike, and how it would be."""
+    given = _inverse(chain.between[second])
+    if _agree(given, relative):
+        return
+    metres, degrees = _apart(given, relative)
+    where, said = f'{chain.source}:{second}', chain.said[second]
+    message = f'T_cn_cnm1 and {said} disagree by {1e3 * metres:.3g} mm and {degrees:.3g} deg'
+    known = [name for name in (first, second) if chain.said[name] in (*FROM_CAMERA, *TO_CAMERA)]
+    ways = ['T_cn_cnm1 were its inverse'] * _agree(_inverse(given), relative)
+    ways += [
+        way
+        for names in dict.fromkeys((*((name,) for name in known), tuple(known)))
+        for way, cameras in _ways(chain, names)
+        if _agree(given, _inverse(cameras[first]) @ cameras[second])
+    ]
+    if ways:
+        message += f', but would not if {" or ".join(ways)}'
+    elif metres <= MISMATCH_M and degrees <= MISMATCH_DEG:
+        return
+    name = 'direction' if ways else 'chain_mismatch'
+    yield Finding(name, where, 'warn', message, value=metres, unit='m')
+
+
+def _agree(a: np.ndarray, b: np.ndarray) -> bool:
+    metres, degrees = _apart(a, b)
+    return metres <= SAME_M and degrees <= SAME_DEG
 
 
 def _shifts(chain: Chain, findings: list[Finding]) -> Iterator[str]:
@@ -420,14 +498,27 @@ def angle_deg(rotation: np.ndarray) -> float:
     return math.degrees(math.atan2(sine, (float(np.trace(rotation)) - 1) / 2))
 
 
-def _up(chain: Chain, inspection: Inspection) -> Iterator[str]:
+def _up(chain: Chain, inspection: Inspection, findings: list[Finding]) -> Iterator[str]:
     """Yield which axis of each camera points up, if it is fixed to an IMU that stood still."""
     felt = next((e.inertial for e in inspection.streams if e.inertial and e.inertial.up), None)
     if felt is None or not chain.has_imu:
         return
+    force = np.array(felt.force_m_s2)
+    told = {one.topic for one in findings if one.name in ('direction', 'chain_mismatch')}
     for name, matrix in chain.cameras.items():
-        axis, off = upwards(matrix[:3, :3].T @ np.array(felt.force_m_s2))
+        axis, off = upwards(matrix[:3, :3].T @ force)
         yield (
             f'{axis} of {name} points up while {felt.up} of the IMU does ({off:.1f} deg off; '
             '-y of a camera that stands upright)'
         )
+        other, other_off = upwards(matrix[:3, :3] @ force)
+        is_upright = other == '-y' and other_off < UPRIGHT_DEG
+        if axis != '-y' and is_upright and not any(f'{chain.source}:' in one for one in told):
+            # some are mounted upside down
+            findings.append(
+                Finding(
+                    'direction', f'{chain.source}:{name}', 'info' if axis == '+y' else 'warn',
+                    f'at rest {axis} of {name} points up; it would stand upright if its rotation '
+                    f'in {chain.said[name]} were transposed, or all of it inverted',
+                )
+            )  # fmt: skip

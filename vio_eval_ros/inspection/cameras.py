@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from vio_eval_ros.core.stream import Moment, spread, Stream
+from vio_eval_ros.core.stream import Moment, runs, spread, Stream
 from vio_eval_ros.inspection.clocks import (
     fit,
     is_drift,
@@ -37,7 +37,7 @@ TRIGGERED = 0.5
 @dataclass(frozen=True)
 class Pair:
     """
-    Two cameras of one rate.
+    Two cameras; of different rates, the slower is the first.
 
     :param skew_s: by how much the second is stamped later, in the median of all frames; up to
         half a period, since whole ones cannot be told.
@@ -60,7 +60,7 @@ class Pair:
 def pairs(
     streams: Sequence[Stream], timings: Sequence[Timing]
 ) -> tuple[list[Pair], list[Finding]]:
-    """Return the pairs of cameras of one rate, and what is wrong with each."""
+    """Return the pairs of cameras, and what is wrong with each."""
     cameras = [
         (stream, figures)
         for stream, figures in zip(streams, timings, strict=True)
@@ -71,11 +71,16 @@ def pairs(
     found: list[Pair] = []
     findings: list[Finding] = []
     for (a, first), (b, second) in combinations(cameras, 2):
-        if abs(first.rate_hz / second.rate_hz - 1) < SAME_RATE:
-            pair, wrong = _pair(a, b, first.period_s)
-            if pair is not None:
-                found.append(pair)
-                findings += wrong
+        has_one_rate = abs(first.rate_hz / second.rate_hz - 1) < SAME_RATE
+        if not has_one_rate and first.rate_hz > second.rate_hz:
+            (a, first), (b, second) = (b, second), (a, first)
+        pair, wrong = _pair(a, b, first.period_s if has_one_rate else second.period_s)
+        if pair is None:
+            continue
+        found.append(pair)
+        if not has_one_rate:
+            wrong = [_apart(pair, first.rate_hz, second.rate_hz)]
+        findings += wrong
     return found, findings
 
 
@@ -141,6 +146,15 @@ def _differences(times: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.where(np.abs(later) < np.abs(earlier), later, earlier)
 
 
+def _apart(pair: Pair, *rates_hz: float) -> Finding:
+    return Finding(
+        'unsynchronised', f'{pair.first}, {pair.second}', 'warn',
+        f'{pair.unsynchronised} of {pair.frames} frames have no partner: the rates are '
+        f'{" and ".join(f"{rate:.4g}" for rate in rates_hz)} Hz',
+        pair.unsynchronised, pair.unsynchronised / pair.frames, 'ratio',
+    )  # fmt: skip
+
+
 def _findings(
     a: Stream, b: Stream, pair: Pair, alone: Sequence[np.ndarray], drift_s: float
 ) -> Iterator[Finding]:
@@ -168,8 +182,8 @@ def _findings(
         )
         moments: list[Moment] = []
         for stream, times in zip((a, b), alone, strict=True):
-            which = np.flatnonzero(np.isin(stream.times_ns, times))
-            moments += stream.moments(which, which)
+            begins, ends = runs(np.isin(stream.times_ns, times))
+            moments += stream.moments(begins, ends - 1)
         yield Finding(
             'unsynchronised', topic, 'warn', f'frames without a partner: {counts}',
             pair.unsynchronised, pair.unsynchronised / pair.frames, 'ratio',

@@ -191,7 +191,7 @@ def _step(
     usual = float(np.median(np.diff(stream.stamps_ns[order]))) / 1e9
     is_stamps = abs(stamped - usual) > abs(size) / 2
     # a stamp that is set back is between those of others: sorting hid the step
-    is_stamps |= bool((np.diff(stream.stamps_ns) < -abs(size) * 5e8).any())
+    is_stamps |= bool((np.diff(stream.stamps_ns) / 1e9 - usual < -abs(size) / 2).any())
     whose = 'that of the stamps' if is_stamps else 'that of the recorder, or transport'
     yield Finding(
         'clock_step', stream.topic, 'warn' if is_stamps else 'info',

@@ -16,8 +16,9 @@ BLOCK_S, LEAST_BLOCKS = 1.0, 10
 # Gravity turns as rates in degrees say: by what they make of it, less this part, for certain
 DEGREES_OFF, DEVIATIONS = 0.3, 8.0
 # Means of so many blocks vary less by accelerations, which come and go. Both sides of a step have
-# some; at the step itself the bias changes by most of it
-BLOCKS, LEAST_MEANS, CERTAIN, AT_ONCE = 5, 3, 5.0, 0.5
+# some, and this part of all, since of many places one is odd by chance, and most so where one side
+# is short; at the step itself the bias changes by most of it
+BLOCKS, LEAST_MEANS, LEAST_PART, CERTAIN, AT_ONCE = 5, 3, 0.125, 5.0, 0.5
 # A bias steps by this, by that part of how fast the sensor turns (no scale is perfect), and tilts
 # by a radian: whoever accelerates as much is elsewhere
 BIAS_RAD_S, BIAS_OF_RATE, TILT_RAD = 0.03, 0.05, 1.0
@@ -36,7 +37,11 @@ def consistency(stream: Stream, which: np.ndarray, period_s: float) -> Iterator[
         return
     starts = which[: count * size : size]
     blocks = stream.numbers[which[: count * size]].reshape(count, size, 6)
-    is_whole = np.abs(np.diff(stream.times_ns[starts]) / 1e9 / (size * period_s) - 1) < 0.1
+    # from block to block nothing is missing where both are as long as they should be
+    ends = np.append(starts[1:], which[count * size - 1])
+    lengths = np.diff(stream.times_ns[np.stack([starts, ends], axis=1)], axis=1)[:, 0] / 1e9
+    is_long = np.abs(lengths / (size * period_s) - 1) < 0.1
+    is_whole = is_long[:-1] & is_long[1:]
     turns, left = tilts(blocks, period_s, 0.0), tilts(blocks, period_s, math.pi / 180)
     if _explains((turns - left)[is_whole], turns[is_whole]):
         rate = float(np.median(np.linalg.norm(blocks[:, :, :3], axis=2)))
@@ -46,9 +51,10 @@ def consistency(stream: Stream, which: np.ndarray, period_s: float) -> Iterator[
             f'{rate:.3g} rad/s in the median: in degrees?',
             value=rate, unit='rad/s',
         )  # fmt: skip
-    elif is_whole.all():
+    else:
         rates = np.linalg.norm(blocks[:, :, :3].mean(axis=1), axis=1)
-        yield from _bias_step(stream, starts, tilts(blocks, period_s), float(rates.mean()))
+        tilted = np.where(is_whole[:, None], tilts(blocks, period_s), math.nan)
+        yield from _bias_step(stream, starts, tilted, float(rates.mean()))
 
 
 def _explains(expected: np.ndarray, turns: np.ndarray) -> bool:
@@ -90,16 +96,22 @@ def _bias_step(
     Yield where the bias of the gyroscope steps.
 
     :param starts: (B,) indices of the first samples of the blocks between which it ``tilted``,
-        (B - 1, 3) rad, while it turned by ``rate`` in the mean.
+        (B - 1, 3) rad, while it turned by ``rate`` in the mean; NaN where that is not known.
     """
     seconds, count = BLOCKS * BLOCK_S, len(tilted) // BLOCKS
-    bias = tilted[: count * BLOCKS].reshape(count, BLOCKS, 3).sum(axis=1) / seconds
+    parts = tilted[: count * BLOCKS].reshape(count, BLOCKS, 3)
+    known = np.flatnonzero(~np.isnan(parts).all(axis=(1, 2)))
+    bias, count = np.nanmean(parts[known], axis=1) / BLOCK_S, len(known)
     best = (0.0, 0, 0.0)
-    for k in range(LEAST_MEANS, count - LEAST_MEANS + 1):
+    least = max(LEAST_MEANS, math.ceil(LEAST_PART * count))
+    for k in range(least, count - least + 1):
         before, behind = bias[:k], bias[k:]
         step = float(np.linalg.norm(behind.mean(axis=0) - before.mean(axis=0)))
         square = (len(before) * before.var(axis=0) + len(behind) * behind.var(axis=0)).sum()
-        noise = math.sqrt(float(square) / (count - 2) * (1 / k + 1 / (count - k)))
+        pooled = float(square) / (count - 2) * (1 / k + 1 / (count - k))
+        # a short side that is odd varies more than the long one
+        own = float((before.var(axis=0) / (k - 1) + behind.var(axis=0) / (count - k - 1)).sum())
+        noise = math.sqrt(max(pooled, own))
         best = max(best, (step / max(noise, 1e-6), k, step))
     certainty, k, step = best
     tilt_rad = step * min(k, count - k) * seconds
@@ -112,7 +124,7 @@ def _bias_step(
         and tilt_rad > TILT_RAD
         and np.linalg.norm(around) > AT_ONCE * step
     ):
-        a, b = (int(starts[max(BLOCKS * k - n, 0)]) for n in (1, -1))
+        a, b = (int(starts[max(BLOCKS * int(known[k]) - n, 0)]) for n in (1, -1))
         yield Finding(
             'bias_step', stream.topic, 'warn',
             f'the bias of the gyroscope steps by {step:.2g} rad/s: from there on gravity turns '

@@ -214,7 +214,7 @@ def _judge_pair(
     pair = next((p for p in inspection.pairs if {p.first, p.second} == set(topics)), None)
     shown = ', '.join(topics)
     if pair is None:
-        message = 'they are no cameras of one rate with a time in common'
+        message = 'they are no cameras with a time in common'
         yield Verdict(name, shown, 'streams', None, bad, message)
         return
     values = (abs(pair.skew_s), pair.unsynchronised / pair.frames)

@@ -18,6 +18,7 @@ CURES = {
     'dropped': 'raise the bandwidth or the queues of driver and recorder, or lower the rate',
     'duplicate_stamps': 'look for two publishers of the topic, or a driver that stamps twice',
     'out_of_order': 'sort by stamp before use; look for threads that publish in parallel',
+    'wrong_stamp': 'look into the driver; drop those messages, or stamp them as those around',
     'jitter': 'stamp where the sensor measures (trigger, hardware clock), not where it arrives',
     'unstamped': 'have the driver fill header.stamp',
     'late_start': 'wait for all sensors before recording; begin evaluation where all are there',

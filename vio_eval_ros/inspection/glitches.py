@@ -16,9 +16,11 @@ AXES = ('gyroscope x', 'gyroscope y', 'gyroscope z',
 ALL, GYRO, ACCEL = slice(0, 6), slice(0, 3), slice(3, 6)
 # The spread of samples at rest, rad/s and m/s²
 STILL_LIMITS = np.array([0.02] * 3 + [0.15] * 3)
-# Samples in a row that are the same: of all six axes, of three of them, of one that ends so. More
-# where samples just before or behind repeat as well, as those of coarse sensors do at rest
+# Samples in a row that are the same: of all six axes, of three of them, of one. More where samples
+# just before or behind repeat as well, as those of coarse sensors do at rest
 STUCK_SAMPLES, STUCK_HALF, STUCK_AXIS, AROUND, BY_CHANCE = 5, 10, 50, 50, 1e-3
+# A single axis is stuck for so many times what it usually repeats, of samples while others move
+LONGER = 5.0
 REPEATED = 0.1
 # An axis is cut off where its extreme comes this often, and that many times in a row, and more
 # often than all values within 2 % of the range, and some levels, below it; of a coarse axis that
@@ -117,7 +119,7 @@ def _not_finite(stream: Stream, is_finite: np.ndarray) -> Iterator[Finding]:
 
 def _stuck(numbers: np.ndarray) -> list[Stuck]:
     """
-    Return where samples repeat the one before: in all axes, in three, or in one until the end.
+    Return where samples repeat the one before: in all axes, in three, or in one.
 
     Three axes, or one, can be at rest; they are stuck where the others move meanwhile.
     """
@@ -129,17 +131,19 @@ def _stuck(numbers: np.ndarray) -> list[Stuck]:
         begins, ends = _repeats(numbers, axes, least, others)
         new = [not any(_within(begin, one) for one in found) for begin in begins.tolist()]
         found.append((axes, begins[new], ends[new]))
+    wider = [*found]
     for axis in range(6):
         axes = slice(axis, axis + 1)
         if not numbers[:, GYRO if axis < 3 else ACCEL].any():
             continue
         begins, ends = _repeats(numbers, axes, STUCK_AXIS, ALL)
-        is_cut = _cut_off(numbers[:, axis]) if len(begins) else np.zeros(len(numbers), bool)
+        if not len(begins):
+            continue
+        is_cut = _limited(numbers[:, axis])
+        is_long = _longer(numbers, axis, is_cut, begins, ends)
         new = [
-            end == len(numbers)
-            and not is_cut[begin]
-            and not any(_within(begin, one) for one in found)
-            for begin, end in zip(begins.tolist(), ends.tolist(), strict=True)
+            long and not is_cut[begin] and not any(_within(begin, one) for one in wider)
+            for begin, long in zip(begins.tolist(), is_long.tolist(), strict=True)
         ]
         found.append((axes, begins[new], ends[new]))
     return [one for one in found if len(one[1])]
@@ -170,6 +174,44 @@ def _repeats(
     return found[:, 0], found[:, 1]
 
 
+def _longer(
+    numbers: np.ndarray, axis: int, is_cut: np.ndarray, begins: np.ndarray, ends: np.ndarray
+) -> np.ndarray:
+    """
+    Return which runs of an axis are longer than it repeats elsewhere, while the others move.
+
+    Lengths of runs by chance have no gap between them: those of what is stuck are behind one.
+    """
+    values, others = numbers[:, axis], np.delete(numbers, axis, axis=1)
+    count = len(values) // STUCK_AXIS
+    parts = others[: count * STUCK_AXIS].reshape(count, STUCK_AXIS, 5)
+    moves = (parts.std(axis=1) > np.delete(STILL_LIMITS, axis)).any(axis=1)
+    moved = np.concatenate([[0], np.cumsum(np.repeat(moves, STUCK_AXIS))])
+    moved = np.pad(moved, (0, len(values) + 1 - len(moved)), 'edge')
+    firsts, lasts = runs((values[1:] == values[:-1]) & ~is_cut[1:])
+    lengths = np.sort(np.append(0, moved[lasts + 1] - moved[firsts]))
+    behind = np.flatnonzero(lengths[1:] > np.maximum(LONGER * lengths[:-1], STUCK_AXIS - 1))
+    if not len(behind):
+        return np.zeros(len(begins), bool)
+    is_long = np.asarray(moved[ends] - moved[begins] >= lengths[behind[0] + 1])
+    elsewhere = values.copy()
+    for begin, end in zip(begins[is_long].tolist(), ends[is_long].tolist(), strict=True):
+        elsewhere[begin:end] = math.nan
+    elsewhere = elsewhere[~np.isnan(elsewhere)]
+    # one so coarse that it has few values can have the same for long
+    return is_long & (len(np.unique(elsewhere)) >= min(COARSE, len(elsewhere) / 2))
+
+
+def _limited(values: np.ndarray) -> np.ndarray:
+    """Return which of (N,) values are cut off, where that is no value that others are far from."""
+    is_cut = _cut_off(values)
+    for limit in np.unique(values[is_cut]):
+        off = np.abs(values - limit)
+        if not ((off > 0) & (off < BELOW * np.nanmax(off))).any():
+            is_cut &= values != limit
+    return is_cut
+
+
 def _moves(samples: np.ndarray, axes: slice) -> bool:
     """Return whether some axes change by more than they would at rest."""
     return bool((samples.std(axis=0) > STILL_LIMITS)[axes].any())
@@ -181,11 +223,23 @@ def _named(axes: slice) -> str:
 
 
 def _stuck_findings(stream: Stream, stuck: list[Stuck]) -> Iterator[Finding]:
-    for axes, begins, ends in stuck:
-        count, longest = int(np.sum(ends - begins)), int((ends - begins).max())
+    for several in (
+        *([one] for one in stuck if len(AXES[one[0]]) > 1),
+        [one for one in stuck if len(AXES[one[0]]) == 1],
+    ):
+        if not several:
+            continue
+        begins, ends = (np.concatenate([one[k] for one in several]) for k in (1, 2))
+        order = np.argsort(begins, kind='stable')
+        begins, ends = begins[order], ends[order]
+        is_stuck = np.zeros(len(stream), bool)
+        for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
+            is_stuck[begin:end] = True
+        count, longest = int(is_stuck.sum()), int((ends - begins).max())
         yield Finding(
             'stuck', stream.topic, 'fail',
-            f'{count} samples repeat the one before in {_named(axes)}, up to {longest} in a row',
+            f'{count} samples repeat the one before in '
+            f'{", ".join(_named(axes) for axes, _, _ in several)}, up to {longest} in a row',
             count, longest, 'samples', stream.moments(begins, ends - 1),
         )  # fmt: skip
     assert stream.numbers is not None

@@ -47,14 +47,18 @@ def html_document(report: Report) -> str:
         _findings(report),
         *_expected(report),
         tag('h2', 'Streams'),
-        table(
-            COLUMNS,
-            [
-                [badge(cells[0].lower(), cells[0].lower()), *cells[1:]]
-                for cells in table_rows(report)
-            ],
-            numbers=range(3, len(COLUMNS)),
-            minor=(2, *range(5, len(COLUMNS))),
+        tag(
+            'div',
+            table(
+                COLUMNS,
+                [
+                    [badge(cells[0].lower(), cells[0].lower()), *cells[1:]]
+                    for cells in table_rows(report)
+                ],
+                numbers=range(3, len(COLUMNS)),
+            ),
+            # all of it in a narrow window, too
+            style='overflow-x:auto;overflow-wrap:normal',
         ),
         tag('ul', *(tag('li', fact) for fact in facts(report.inspection))),
         *_calibrated(report),
@@ -140,9 +144,8 @@ def timeline(report: Report) -> Figure:
     origin_ns = report.inspection.begin_ns
     lines = {one.stream.topic: k for k, one in enumerate(streams)}
     data = [_bars(streams, origin_ns), *_holes(streams, origin_ns)]
-    data += [
-        _marks(level, report.findings, lines, origin_ns) for level in ('info', 'warn', 'fail')
-    ]
+    for level in ('info', 'warn', 'fail'):
+        data += _marks(level, report.findings, lines, origin_ns)
     names = [_plain(_cut(one.stream.topic)) for one in streams]
     widest = max(len(_cut(one.stream.topic)) for one in streams)
     return {
@@ -223,25 +226,39 @@ def _recorded(one: Examined, seconds: np.ndarray, origin_ns: int) -> np.ndarray:
 
 def _marks(
     level: str, findings: Sequence[Finding], lines: dict[str, int], origin_ns: int
-) -> Figure:
-    """Return where the findings of a level are."""
+) -> list[Figure]:
+    """Return where the findings of a level begin, and a line until they end."""
     found = [
-        ((moment.logged_begin_ns - origin_ns) / 1e9, lines[topic], one)
+        (moment, lines[topic] - 0.34, one)
         for one in findings
         if one.level == level
         for topic in one.topic.split(', ')
         if topic in lines
         for moment in one.moments
     ]
-    return {
-        'type': 'scatter',
-        'mode': 'markers',
-        'x': [x for x, _, _ in found],
-        'y': [y - 0.34 for _, y, _ in found],
-        'text': [_plain(f'{one.name}: {one.message}') for _, _, one in found],
-        'hovertemplate': '%{x:.3f} s: %{text}<extra></extra>',
-        'marker': {'symbol': 'triangle-down', 'size': 9, 'color': COLOURS[level]},
-    }
+    begins = [(moment.logged_begin_ns - origin_ns) / 1e9 for moment, _, _ in found]
+    ends = [(moment.logged_end_ns - origin_ns) / 1e9 for moment, _, _ in found]
+    heights = [y for _, y, _ in found]
+    return [
+        {
+            'type': 'scatter',
+            'mode': 'lines',
+            # nothing connects one with the next
+            'x': [x for pair in zip(begins, ends, strict=True) for x in (*pair, None)],
+            'y': [y for height in heights for y in (height, height, None)],
+            'line': {'color': COLOURS[level], 'width': 3},
+            'hoverinfo': 'skip',
+        },
+        {
+            'type': 'scatter',
+            'mode': 'markers',
+            'x': begins,
+            'y': heights,
+            'text': [_plain(f'{one.name}: {one.message}') for _, _, one in found],
+            'hovertemplate': '%{x:.3f} s: %{text}<extra></extra>',
+            'marker': {'symbol': 'triangle-down', 'size': 9, 'color': COLOURS[level]},
+        },
+    ]
 
 
 def _periods(streams: Sequence[Examined], origin_ns: int) -> list[Html]:

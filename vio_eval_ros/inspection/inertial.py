@@ -38,7 +38,7 @@ class Inertial:
     :param force_m_s2: specific force while still, its median, and ``gravity_m_s2``, its length.
     :param up: the axis that points up then, such as ``+z``; empty where it never stands still.
     :param up_off_deg: the angle between that axis and the vertical.
-    :param stuck: samples that repeat one in all axes or in three, or in one until the end.
+    :param stuck: samples that repeat one in all axes, in three, or in one that is stuck.
     :param spikes: samples that stand out from those around.
     """
 

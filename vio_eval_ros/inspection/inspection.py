@@ -15,6 +15,7 @@ from vio_eval_ros.inspection.findings import Finding, worst_first
 from vio_eval_ros.inspection.glitches import measures
 from vio_eval_ros.inspection.inertial import Inertial, inertial
 from vio_eval_ros.inspection.motion import Motion, motion
+from vio_eval_ros.inspection.stamps import corrected
 from vio_eval_ros.inspection.timing import Timing, timing
 
 # A stream begins late or ends early where it does so by this, and by five of its periods
@@ -85,6 +86,7 @@ def inspect(streams: Sequence[Stream], left_out: Sequence[str] = ()) -> Inspecti
     common = _common(sensors)
     ratio, slow = _rates(sensors)
     findings = [_together(_alone(finding, examined), examined) for finding in findings]
+    findings = [_whose(finding, findings, examined) for finding in findings]
     findings += [*found, *_spans(examined), *_clocks_differ(sensors, common is not None), *slow]
     return Inspection(examined, silent, together, worst_first(findings), common, ratio)
 
@@ -110,7 +112,8 @@ def _parts(streams: Iterable[Stream]) -> list[Stream]:
 def _examine(stream: Stream) -> tuple[Examined, list[Finding]]:
     """Return the figures of a stream, and what is wrong with it alone."""
     findings = list(_headers(stream))
-    stream = stream.stamped()
+    stream, found = corrected(stream.stamped())
+    findings += found
     compared, drifting = clocks(stream)
     steps = [f.moments[0] for f in drifting if f.name == 'clock_step' and f.level == 'warn']
     figures, found = timing(stream, *steps)
@@ -155,6 +158,36 @@ def _together(finding: Finding, examined: Sequence[Examined]) -> Finding:
             return finding
     return replace(
         finding, level='info', message=f'{finding.message}; nothing else was recorded meanwhile'
+    )
+
+
+def _whose(finding: Finding, findings: Sequence[Finding], examined: Sequence[Examined]) -> Finding:
+    """Return a step of a clock that others, recorded meanwhile, do not have as the sensor's."""
+    if finding.name != 'clock_step' or finding.level != 'info':
+        return finding
+    stream = next(e.stream for e in examined if e.stream.topic == finding.topic)
+    step = finding.moments[0]
+    steady = [
+        e
+        for e in examined
+        if e.clocks is not None
+        and e.clocks.is_steady
+        and e.stream.arrivals_ns.min() < step.logged_begin_ns
+        and e.stream.arrivals_ns.max() > step.logged_end_ns
+    ]
+    is_alone = not any(
+        one.name == finding.name
+        and one.topic != finding.topic
+        and abs(one.value - finding.value) < abs(finding.value) / 2
+        for one in findings
+    )
+    if not (stream.is_sensor and steady and is_alone):
+        return finding
+    return replace(
+        finding,
+        level='warn',
+        message=f'a clock steps by {1e3 * abs(finding.value):.3g} ms, and that of no other '
+        'stream: that of the stamps, or what delays this one alone',
     )
 
 

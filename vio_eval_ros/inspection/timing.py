@@ -28,6 +28,9 @@ OFF_BY, OFF_BY_S = 0.4, 0.002
 # Streams are regular where nearly all periods are alike. They have a period where half are, and
 # come in bursts where by that period most messages are missing, all over the recording
 ALIKE, NEARLY_ALL, HALF, ALL_OVER = 0.25, 0.9, 0.5, 0.1
+# A message comes twice where it is nearer to the one before than this part of the period, between
+# others that are a period apart
+NEAR = 0.001
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +45,7 @@ class Timing:
         message is missing.
     :param missing: messages that are missing in all of the intervals that are too long.
     :param gaps: how many of these are long.
+    :param duplicates: messages with the stamp of another one, or nearly so.
     :param backward: how often a message is earlier than the one before.
     :param times_s: (M,) of what is drawn, seconds since the first, the ends of ``periods_s``.
     """
@@ -78,7 +82,11 @@ def timing(stream: Stream, step: Moment | None = None) -> tuple[Timing, list[Fin
     """
     times = stream.times_ns
     order = np.argsort(times, kind='stable')
-    order = order[np.concatenate([[True], np.diff(times[order]) > 0])]
+    steps_ns = np.diff(times[order])
+    # of transforms, those of several frames come together
+    is_again = np.append(False, steps_ns <= 0 if stream.kind == 'other' else _twice(steps_ns))
+    repeated = np.stack([order[np.flatnonzero(is_again) - 1], order[is_again]])
+    order = order[~is_again]
     distinct = times[order]
     backward = np.flatnonzero(np.diff(times) < 0) + 1
     known: dict[str, Any] = {
@@ -90,7 +98,7 @@ def timing(stream: Stream, step: Moment | None = None) -> tuple[Timing, list[Fin
     }
     if len(distinct) < 3:
         figures = Timing(**known)
-        return figures, list(_order(stream, figures, backward))
+        return figures, list(_order(stream, figures, backward, repeated))
     periods = np.diff(distinct) / 1e9
     period, has_one = _period(periods)
     if step is not None:  # this is how long it was
@@ -98,7 +106,7 @@ def timing(stream: Stream, step: Moment | None = None) -> tuple[Timing, list[Fin
     alike = float(np.mean(np.abs(periods - period) < ALIKE * period))
     is_regular = alike >= NEARLY_ALL
     is_long = periods >= max(GAP_PERIODS * period, GAP_S)
-    whole = periods <= _longest(periods, period) if has_one else ~is_long
+    whole = periods <= longest(periods, period) if has_one else ~is_long
     # what comes by keyframe, by event or when it was recorded has no messages to be missing
     whole |= not (stream.is_sensor or is_regular) or stream.stamps_ns is None
     numbers = np.where(whole, 1, np.maximum(2, np.rint(periods / period)))
@@ -124,7 +132,7 @@ def timing(stream: Stream, step: Moment | None = None) -> tuple[Timing, list[Fin
     if stream.stamps_ns is None:
         return figures, []  # when messages are recorded depends on much that is nobody's fault
     found = [
-        *_order(stream, figures, backward),
+        *_order(stream, figures, backward, repeated),
         *_lost(stream, figures, order, ~whole & ~is_gap, 'dropped', numbers),
         *_lost(stream, figures, order, is_gap, 'gap', numbers),
         *_jitter(stream, figures, order, whole),
@@ -144,7 +152,20 @@ def _period(periods: np.ndarray) -> tuple[float, bool]:
     return period, True
 
 
-def _longest(periods: np.ndarray, period: float) -> float:
+def _twice(steps: np.ndarray) -> np.ndarray:
+    """Return which intervals, in nanoseconds, are none: a message comes a second time."""
+    is_none = steps <= 0
+    if is_none.all():
+        return is_none
+    period = lower_median(steps[steps > NEAR * steps.mean()])
+    is_alike = np.abs(steps - period) < ALIKE * period
+    is_near = steps <= NEAR * period
+    if np.mean(is_alike[~is_near]) < HALF:
+        return is_none
+    return is_none | is_near & np.append(True, is_alike[:-1]) & np.append(is_alike[1:], True)
+
+
+def longest(periods: np.ndarray, period: float) -> float:
     """Return how long an interval can be in which no message is missing."""
     slack = SPREADS * spread(periods)
     shorter = period - float(periods.min())
@@ -165,7 +186,10 @@ def _rate(periods: np.ndarray, numbers: np.ndarray) -> tuple[float, float]:
     return 1 / period, deviation / period**2
 
 
-def _order(stream: Stream, figures: Timing, backward: np.ndarray) -> Iterator[Finding]:
+def _order(
+    stream: Stream, figures: Timing, backward: np.ndarray, repeated: np.ndarray
+) -> Iterator[Finding]:
+    """Yield what is earlier than the one before; (2, D) ``repeated`` are ones and their copies."""
     if stream.stamps_ns is None:
         return
     if figures.backward:
@@ -181,14 +205,15 @@ def _order(stream: Stream, figures: Timing, backward: np.ndarray) -> Iterator[Fi
         mostly = 2 * figures.duplicates > len(stream)
         level = 'info' if stream.kind == 'other' else 'warn'
         level = 'fail' if stream.is_sensor and mostly else level
-        values, first = np.unique(stream.times_ns, return_index=True)
-        repeated = np.setdiff1d(np.arange(len(stream)), first, assume_unique=True)
-        earlier = first[np.searchsorted(values, stream.times_ns[repeated])]
+        earlier, again = np.sort(repeated[:, np.argsort(repeated.max(axis=0))], axis=0)
+        apart_ns = int((stream.times_ns[again] - stream.times_ns[earlier]).max())
+        nearly = f', or one that is off by up to {apart_ns / 1e3:.3g} µs' if apart_ns else ''
         yield Finding(
             'duplicate_stamps', stream.topic, level,
-            f'{figures.duplicates} of {len(stream)} messages have the stamp of an earlier one',
+            f'{figures.duplicates} of {len(stream)} messages have the stamp of an earlier one'
+            f'{nearly}',
             figures.duplicates, figures.duplicates / len(stream), 'ratio',
-            stream.moments(earlier, repeated),
+            stream.moments(earlier, again),
         )  # fmt: skip
 
 
