@@ -198,8 +198,8 @@ def _warnings(diagnosis: Diagnosis) -> list[str]:
         warnings.append(
             f'by its orientations the estimate is {1e3 * offset["value"]:.1f} ± '
             f'{1e3 * offset["uncertainty"]:.1f} ms late, and its positions are about '
-            f'{1e3 * late_s:.0f} ms later than these: one side takes them from different '
-            'moments.'
+            f'{1e3 * abs(late_s):.0f} ms {"later" if late_s > 0 else "earlier"} than these: one '
+            'side takes them from different moments.'
         )
     if findings.get('truth_interpolated_s') is not None:
         knots = f'poses {1e3 * findings["truth_interpolated_s"]:.4g} ms apart'

@@ -105,6 +105,7 @@ class Breaks:
     :param truth_is_off: whether it is the truth that is off there.
     :param jumps: in order.
     :param diverged_ns: from which stamp on the estimate has flown away; None where it has not.
+    :param scale: metres of the truth to one of the estimate.
     """
 
     outliers_ns: np.ndarray
@@ -112,6 +113,7 @@ class Breaks:
     truth_is_off: bool
     jumps: tuple[Jump, ...]
     diverged_ns: int | None
+    scale: float = 1.0
 
 
 def find_breaks(pairs: Pairs, received_ns: np.ndarray, sensor: np.ndarray) -> Breaks:
@@ -173,6 +175,7 @@ def find_breaks(pairs: Pairs, received_ns: np.ndarray, sensor: np.ndarray) -> Br
         bool(outliers.any() and np.median((truth_off - off_alone)[outliers]) > 0),
         tuple(jumps[first] for first in sorted(jumps)),
         None if gone[0] is None or gone[1] is None else int(received_ns[kept[gone[0]]]),
+        scale,
     )
 
 
@@ -331,11 +334,10 @@ def missing_s(estimate: Trajectory, truth: Interpolator, gaps: list[Gap]) -> flo
     if poses.rotations is not None:
         moved.append(rotation.angle_between(poses.rotations[1:], poses.rotations[:-1]))
     for way in moved:
-        speed = way[between] / intervals
-        within, elsewhere = speed[hole], speed[~hole]
-        slower = float(elsewhere.mean() - within.mean())
-        by_chance = CHANCE * float(within.std()) / math.sqrt(len(within))
-        if slower > max((1 - AS_FAST) * float(elsewhere.mean()), by_chance):
+        way = way[between]
+        within, elsewhere = (way[rows].sum() / intervals[rows].sum() for rows in (hole, ~hole))
+        by_chance = float(np.std(way[hole] / intervals[hole])) / math.sqrt(len(intervals[hole]))
+        if elsewhere - within > max((1 - AS_FAST) * elsewhere, CHANCE * by_chance):
             return 0.0
     return float(np.sum(intervals[hole] - usual)) / 1e9
 

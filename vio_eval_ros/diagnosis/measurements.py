@@ -213,13 +213,13 @@ class _Found:
             left = _certain('diverged', left_s / (2 * run.half_s), 'ratio')
             self._note(left, diverged_ns=found.diverged_ns)
         harmful = _harmful(run, self.correction, found.jumps)
-        largest = max((jump.size_m for jump in harmful), default=0.0)
+        largest = max((jump.size_m for jump in harmful), default=0.0) * found.scale
         jump = replace(_certain('jump', largest, 'm'), size=float(len(harmful)))
         self._note(jump, jumps=harmful)
         self.findings['jumps'] = [
             {
                 'stamp_ns': jump.stamp_ns,
-                'size_m': jump.size_m,
+                'size_m': jump.size_m * found.scale,
                 'turn_deg': math.degrees(jump.turn_rad),
                 'harmful': jump in harmful,
                 'side': SIDES[jump.of_truth],
@@ -285,12 +285,10 @@ class _Found:
         self.findings['level_xyzw'] = world.level.tolist()
 
     def scale(self, drift: Measurement) -> None:
-        """Drift of the scale, and the scale of what is left; jumps in metres of the truth."""
+        """Drift of the scale, and the scale of what is left."""
         self._note(drift, scale_drift=drift.value / 6000)
         scale = _scale(self._run, self.correction)
         self._note(scale, scale=scale.value)
-        for jump in self.findings['jumps']:
-            jump['size_m'] /= scale.value
 
 
 def _lag(run: Run) -> tuple[Peak, Finding, Lag]:
@@ -352,13 +350,13 @@ def _contradicting(run: Run, correction: Correction, lag: Lag) -> float | None:
     """
     Return how much later the positions are than the orientations, if they have not their offset.
 
-    It is not theirs where undoing it harms the positions, which have less than half of it.
+    It is not theirs where undoing it harms the positions, which surely have less of it.
     """
     if not run.turning or not run.is_worse(replace(correction, offset_s=lag.offset_s), correction):
         return None
     of_positions = fit_lag(correction.apply(run.estimate), run.true_poses, lag.offset_s, False)
     alike_s = math.copysign(1.0, lag.offset_s) * of_positions.offset_s
-    less = alike_s + of_positions.offset_uncertainty_s < abs(lag.offset_s) / 2
+    less = alike_s + of_positions.offset_uncertainty_s < abs(lag.offset_s)
     return of_positions.offset_s - lag.offset_s if less else None
 
 
