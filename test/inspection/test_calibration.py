@@ -13,7 +13,8 @@ import yaml
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.errors import ConfigError, ReadError
-from vio_eval_ros.inspection.calibration import Calibration, check_calibration, read_chains
+from vio_eval_ros.inspection.calibration import Calibration, check_calibration
+from vio_eval_ros.inspection.chains import read_chains
 from vio_eval_ros.inspection.inspection import inspect
 
 

@@ -13,7 +13,8 @@ from vio_eval_ros.cli.shell import complain, FAILED, Parser, PASSED, progress, r
 from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.errors import ConfigError, VioEvalError, WriteError
-from vio_eval_ros.inspection.calibration import check_calibration, read_chains
+from vio_eval_ros.inspection.calibration import check_calibration
+from vio_eval_ros.inspection.chains import read_chains
 from vio_eval_ros.inspection.documents import failed, json_document, Report, text_document
 from vio_eval_ros.inspection.expectations import Expectations
 from vio_eval_ros.inspection.findings import CURES, Finding

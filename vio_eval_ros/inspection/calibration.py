@@ -2,44 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from vio_eval_ros.errors import ConfigError, ReadError
+from vio_eval_ros.inspection.chains import Chain, FROM_CAMERA, inverse, NOISE, RATES, TO_CAMERA
 from vio_eval_ros.inspection.findings import Finding
 from vio_eval_ros.inspection.inertial import upwards
 from vio_eval_ros.inspection.inspection import Inspection
-from vio_eval_ros.settings import finite, MAX_YAML_BYTES, parse_yaml, Section
 
-#: What the names of transformations mean: whether the first or the second frame is the sensor's.
-#: T_A_B maps coordinates in B into coordinates in A.
-FROM_CAMERA = ('T_imu_cam', 'T_BS', 'T_i_c', 'T_body_cam')
-TO_CAMERA = ('T_cam_imu', 'T_c_i', 'T_cam_body')
-#: What Kalibr and EuRoC say of the noise of an IMU: the unit, and the least and the most that any
-#: sensor has, from fibre-optic gyroscopes to cheap ones whose figures were enlarged for a filter.
-NOISE = {
-    'gyroscope_noise_density': ('rad/s/√Hz', 1e-8, 0.1),
-    'gyroscope_random_walk': ('rad/s²/√Hz', 1e-10, 0.01),
-    'accelerometer_noise_density': ('m/s²/√Hz', 1e-6, 1.0),
-    'accelerometer_random_walk': ('m/s³/√Hz', 1e-8, 0.1),
-}
 # What a random walk is larger than where it was exchanged with the density: so many times it. That
 # of accelerometers is often enlarged for a filter
 EXCHANGED = {'gyroscope': 1.0, 'accelerometer': 3.0}
 # The rate of the recording is the one that is given, within this part
 SAME_RATE = 0.1
-RATES = dict.fromkeys(('update_rate', 'rate_hz'), ('Hz', 10.0, 20_000.0))
-# OpenCV's own files begin so, which is no YAML
-OPENCV = '%YAML:'
 DIGITS = 1e-3
-# Entries of a matrix that are larger are no lengths in any unit
-LARGEST_ENTRY = 1e6
 # Arms longer than ten times that are in millimetres for certain
 LONGEST_ARM_M, BASELINE_M = 2.0, (0.005, 2.0)
 SIDEWAYS = 0.7
@@ -49,41 +30,6 @@ SAME_M, SAME_DEG = 0.001, 0.1
 # A camera stands upright where -y of it is within this of up
 UPRIGHT_DEG = 20.0
 LARGEST_SHIFT_S = 0.1
-
-
-@dataclass(frozen=True, eq=False)
-class Chain:
-    """
-    The cameras of one file or folder, in the order of their names.
-
-    :param cameras: by name, (4, 4) what maps coordinates in the camera into those of the IMU.
-    :param said: by name, the key under which the file has it.
-    :param between: by name, (4, 4) what maps the camera before it into it, where it is given.
-    :param shifts: by name, seconds to be added to the stamps of the camera.
-    :param given: (4, 4) all transformations as they were written, by sensor and key.
-    :param noise: by name, what is said of the noise of an IMU and of its rate.
-    """
-
-    source: str
-    cameras: dict[str, np.ndarray] = field(default_factory=dict)
-    said: dict[str, str] = field(default_factory=dict)
-    between: dict[str, np.ndarray] = field(default_factory=dict)
-    shifts: dict[str, float] = field(default_factory=dict)
-    given: dict[tuple[str, str], np.ndarray] = field(default_factory=dict)
-    noise: dict[str, dict[str, float]] = field(default_factory=dict)
-
-    @property
-    def has_imu(self) -> bool:
-        """Whether the cameras are given in an IMU; otherwise the first of them is the origin."""
-        return '' not in self.said.values()
-
-    @property
-    def arms(self) -> dict[str, float]:
-        """The longest translation that is given of each sensor, where it is too long."""
-        arms: dict[str, float] = {}
-        for (name, _), matrix in self.given.items():
-            arms[name] = max(arms.get(name, 0.0), float(np.linalg.norm(matrix[:3, 3])))
-        return {name: arm for name, arm in arms.items() if arm > LONGEST_ARM_M}
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,36 +66,6 @@ class Calibration:
         }
 
 
-def read_chains(paths: Sequence[Path]) -> list[Chain]:
-    """
-    Return a chain for each file of Kalibr's, and for each folder of EuRoC's.
-
-    :param paths: Kalibr's camchain, camchain-imucam or imu files, EuRoC's ``sensor.yaml`` files,
-        or folders of those.
-    :raises ReadError: what is not there, or not YAML.
-    :raises ConfigError: what has neither a transformation nor the noise of an IMU, a
-        transformation that is no 4 x 4 matrix, a number that is none.
-    """
-    chains: dict[str, Chain] = {}
-    for path in paths:
-        files = sorted(path.glob('**/sensor.yaml')) if path.is_dir() else [path]
-        if not files:
-            raise ReadError(path, 'there is no sensor.yaml in it')
-        for file in files:
-            content = _load(file)
-            is_euroc = 'T_BS' in content
-            source = str(file.parent.parent if is_euroc else file)
-            sensors = {file.parent.name: content} if is_euroc else _sensors(content)
-            chain = chains.setdefault(source, Chain(source))
-            if not sensors:
-                raise ConfigError(
-                    f'{file}: there is no T_BS, and no sensor with a transformation in it'
-                )
-            for name, sensor in sensors.items():
-                _take(chain, name, sensor)
-    return list(chains.values())
-
-
 def check_calibration(chains: Sequence[Chain], inspection: Inspection) -> Calibration:
     """
     Return what calibration files say, whether it can be so, and whether they agree.
@@ -162,7 +78,7 @@ def check_calibration(chains: Sequence[Chain], inspection: Inspection) -> Calibr
         findings += [*_rigid(chain), *_long(chain), *_noise(chain, inspection)]
         told = [_direction(chain, name) for name in chain.cameras]
         for first, second in pairwise(chain.cameras):
-            if not chain.arms.keys() & {first, second}:
+            if not _arms(chain).keys() & {first, second}:
                 told += _stereo(chain, first, second, findings)
         told += [*_shifts(chain, findings), *_up(chain, inspection, findings), *_said(chain)]
         sentences[chain.source] = told or ['there is no camera in it']
@@ -170,101 +86,6 @@ def check_calibration(chains: Sequence[Chain], inspection: Inspection) -> Calibr
     for chain in with_cameras[1:]:
         sentences[chain.source] += _agreement(with_cameras[0], chain, findings)
     return Calibration(list(chains), sentences, findings)
-
-
-def _load(path: Path) -> Section:
-    try:
-        with path.open(encoding='utf-8') as file:
-            text = file.read(MAX_YAML_BYTES + 1)
-    except OSError as error:
-        raise ReadError(path, error.strerror or str(error)) from None
-    except ValueError as error:
-        raise ReadError(path, f'not valid YAML: {error}') from None
-    if len(text) > MAX_YAML_BYTES:
-        raise ReadError(path, 'too large for a calibration')
-    if text.startswith(OPENCV):
-        text = '\n' + text.partition('\n')[2]
-    content = parse_yaml(text, path, lambda line: f'line {line}')
-    if not isinstance(content, Section):
-        raise ConfigError(f'{path}: a calibration is expected, a mapping of names to values')
-    return content
-
-
-def _sensors(content: Section) -> dict[str, Section]:
-    """Return the sensors in a file of Kalibr's: each has a section, but for the only IMU."""
-    if content.keys() & NOISE.keys():
-        return {'imu0': content}
-    return {
-        name: value
-        for name, value in content.items()
-        if isinstance(value, Section) and name.startswith(('cam', 'imu'))
-    }
-
-
-def _take(chain: Chain, name: str, sensor: Section) -> None:
-    """Add a sensor to the chain of its file."""
-    keys = [key for key in (*FROM_CAMERA, *TO_CAMERA) if key in sensor]
-    is_camera = sensor.get('sensor_type', name[:3]) in ('camera', 'cam')
-    wanted = (*keys[:1], 'T_cn_cnm1') if is_camera else ('T_BS', 'T_i_b')
-    given = {key: _matrix(sensor, key) for key in wanted if key in sensor}
-    chain.given.update({(name, key): matrix for key, matrix in given.items()})
-    if not is_camera:
-        known = [key for key in (*NOISE, *RATES) if key in sensor]
-        chain.noise[name] = {key: _number(sensor, key) for key in known}
-        return
-    before = next(reversed(chain.cameras), None)
-    if 'T_cn_cnm1' in given and before is not None:
-        chain.between[name] = given['T_cn_cnm1']
-    if keys:
-        matrix = given[keys[0]]
-        chain.cameras[name] = matrix if keys[0] in FROM_CAMERA else _inverse(matrix)
-        chain.said[name] = keys[0]
-    elif before is not None and name in chain.between:
-        # cn from cn-1, so the IMU from cn by way of cn-1
-        chain.cameras[name] = chain.cameras[before] @ _inverse(chain.between[name])
-        chain.said[name] = 'T_cn_cnm1'
-    elif before is None:
-        # the first camera of a chain without an IMU: all is relative to it
-        chain.cameras[name] = np.eye(4)
-        chain.said[name] = ''
-    else:
-        raise sensor.error(
-            name, f'{name} has none of {", ".join((*FROM_CAMERA, *TO_CAMERA, "T_cn_cnm1"))}'
-        )
-    if 'timeshift_cam_imu' in sensor:
-        chain.shifts[name] = _number(sensor, 'timeshift_cam_imu')
-
-
-def _number(sensor: Section, key: str) -> float:
-    number = finite(sensor[key])
-    if math.isnan(number):
-        raise sensor.error(key, f'{key}: a finite number is expected')
-    return number
-
-
-def _matrix(sensor: Section, key: str) -> np.ndarray:
-    """Return a (4, 4) matrix, of rows as Kalibr has it or of columns, rows and data as EuRoC."""
-    value = sensor[key]
-    if isinstance(value, Mapping):
-        value = value.get('data')
-    try:
-        matrix = np.array(value, np.float64)
-        if matrix.shape in ((4, 4), (16,)) and (np.abs(matrix) < LARGEST_ENTRY).all():
-            return matrix.reshape(4, 4)
-    except (TypeError, ValueError, OverflowError):
-        pass
-    raise sensor.error(
-        key,
-        f'{key}: a matrix of 4 rows and 4 columns is expected, of numbers below {LARGEST_ENTRY:g}',
-    )
-
-
-def _inverse(matrix: np.ndarray) -> np.ndarray:
-    """Return the inverse of a rigid transformation; of what is none, as if it were one."""
-    inverse = np.eye(4)
-    inverse[:3, :3] = matrix[:3, :3].T
-    inverse[:3, 3] = -matrix[:3, :3].T @ matrix[:3, 3]
-    return inverse
 
 
 def _rigid(chain: Chain) -> Iterator[Finding]:
@@ -282,16 +103,25 @@ def _rigid(chain: Chain) -> Iterator[Finding]:
             )  # fmt: skip
 
 
+def _arms(chain: Chain) -> dict[str, float]:
+    """Return the longest translation that is given of each sensor, where it is too long."""
+    arms: dict[str, float] = {}
+    for (name, _), matrix in chain.given.items():
+        arms[name] = max(arms.get(name, 0.0), float(np.linalg.norm(matrix[:3, 3])))
+    return {name: arm for name, arm in arms.items() if arm > LONGEST_ARM_M}
+
+
 def _long(chain: Chain) -> Iterator[Finding]:
     """Yield that translations are too long; one finding, whatever else follows from it."""
-    if chain.arms:
-        longest = max(chain.arms.values())
-        shown = ', '.join(f'{name} {arm:.4g}' for name, arm in chain.arms.items())
+    arms = _arms(chain)
+    if arms:
+        longest = max(arms.values())
+        shown = ', '.join(f'{name} {arm:.4g}' for name, arm in arms.items())
         yield Finding(
-            'lever_arm', f'{chain.source}:{next(iter(chain.arms))}',
+            'lever_arm', f'{chain.source}:{next(iter(arms))}',
             'fail' if longest > 10 * LONGEST_ARM_M else 'warn',
             f'translations are longer than {LONGEST_ARM_M:g} m ({shown}): in millimetres?',
-            len(chain.arms), longest, 'm',
+            len(arms), longest, 'm',
         )  # fmt: skip
 
 
@@ -355,7 +185,7 @@ def _direction(chain: Chain, name: str) -> str:
 def _stereo(chain: Chain, first: str, second: str, findings: list[Finding]) -> Iterator[str]:
     """Yield how two cameras stand to each other."""
     where = f'{chain.source}:{second}'
-    relative = _inverse(chain.cameras[first]) @ chain.cameras[second]
+    relative = inverse(chain.cameras[first]) @ chain.cameras[second]
     place = relative[:3, 3]
     baseline = float(np.linalg.norm(place))
     if not BASELINE_M[0] <= baseline <= BASELINE_M[1]:
@@ -378,7 +208,7 @@ def _stereo(chain: Chain, first: str, second: str, findings: list[Finding]) -> I
     elif not chain.said[first] or chain.said[second] != 'T_cn_cnm1':
         names = (first, second) if chain.said[first] else (second,)
         ways = [
-            (way, (_inverse(cameras[first]) @ cameras[second])[:3, 3])
+            (way, (inverse(cameras[first]) @ cameras[second])[:3, 3])
             for way, cameras in _ways(chain, names)
         ]
     if not is_sideways:
@@ -400,13 +230,13 @@ def _stereo(chain: Chain, first: str, second: str, findings: list[Finding]) -> I
 def _ways(chain: Chain, names: Sequence[str]) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
     """Yield in words how else some cameras may have been meant, and all as they would be then."""
     said = ' and '.join(f'{chain.said[name]} of {name}' for name in names)
-    inverted = {name: _inverse(chain.cameras[name]) for name in names}
+    inverted = {name: inverse(chain.cameras[name]) for name in names}
     yield f'{said} were the inverse of what the name says', chain.cameras | inverted
     turned = {}
     for name in names:
         matrix = chain.given[name, chain.said[name]].copy()
         matrix[:3, :3] = matrix[:3, :3].T
-        turned[name] = matrix if chain.said[name] in FROM_CAMERA else _inverse(matrix)
+        turned[name] = matrix if chain.said[name] in FROM_CAMERA else inverse(matrix)
     yield f'the rotation in {said} were transposed', chain.cameras | turned
 
 
@@ -417,19 +247,19 @@ def _is_given_twice(chain: Chain, second: str) -> bool:
 
 def _between(chain: Chain, first: str, second: str, relative: np.ndarray) -> Iterator[Finding]:
     """Yield that a camera is given twice, and not alike, and how it would be."""
-    given = _inverse(chain.between[second])
+    given = inverse(chain.between[second])
     if _agree(given, relative):
         return
     metres, degrees = _apart(given, relative)
     where, said = f'{chain.source}:{second}', chain.said[second]
     message = f'T_cn_cnm1 and {said} disagree by {1e3 * metres:.3g} mm and {degrees:.3g} deg'
     known = [name for name in (first, second) if chain.said[name] in (*FROM_CAMERA, *TO_CAMERA)]
-    ways = ['T_cn_cnm1 were its inverse'] * _agree(_inverse(given), relative)
+    ways = ['T_cn_cnm1 were its inverse'] * _agree(inverse(given), relative)
     ways += [
         way
         for names in dict.fromkeys((*((name,) for name in known), tuple(known)))
         for way, cameras in _ways(chain, names)
-        if _agree(given, _inverse(cameras[first]) @ cameras[second])
+        if _agree(given, inverse(cameras[first]) @ cameras[second])
     ]
     if ways:
         message += f', but would not if {" or ".join(ways)}'
@@ -466,7 +296,7 @@ def _agreement(first: Chain, chain: Chain, findings: list[Finding]) -> Iterator[
     ours, theirs = chain.cameras, first.cameras
     if not (chain.has_imu and first.has_imu):
         ours, theirs = _relative(ours), _relative(theirs)
-    if chain.arms or first.arms:
+    if _arms(chain) or _arms(first):
         return  # in different units there is no more to say
     for name in [name for name in ours if name in theirs]:
         metres, degrees = _apart(theirs[name], ours[name])
@@ -481,13 +311,13 @@ def _agreement(first: Chain, chain: Chain, findings: list[Finding]) -> Iterator[
 
 def _relative(cameras: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Return the cameras in the frame of the first of them."""
-    origin = _inverse(next(iter(cameras.values())))
+    origin = inverse(next(iter(cameras.values())))
     return {name: origin @ matrix for name, matrix in cameras.items()}
 
 
 def _apart(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
     """Return by how many metres and degrees two transformations differ."""
-    difference = _inverse(a) @ b
+    difference = inverse(a) @ b
     return float(np.linalg.norm(difference[:3, 3])), angle_deg(difference[:3, :3])
 
 

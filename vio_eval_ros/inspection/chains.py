@@ -1,0 +1,183 @@
+"""The calibration files of Kalibr, OpenVINS and EuRoC: which transformations they give."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+import math
+from pathlib import Path
+
+import numpy as np
+
+from vio_eval_ros.errors import ConfigError, ReadError
+from vio_eval_ros.settings import finite, MAX_YAML_BYTES, parse_yaml, Section
+
+#: What the names of transformations mean: whether the first or the second frame is the sensor's.
+#: T_A_B maps coordinates in B into coordinates in A.
+FROM_CAMERA = ('T_imu_cam', 'T_BS', 'T_i_c', 'T_body_cam')
+TO_CAMERA = ('T_cam_imu', 'T_c_i', 'T_cam_body')
+#: What Kalibr and EuRoC say of the noise of an IMU: the unit, and the least and the most that any
+#: sensor has, from fibre-optic gyroscopes to cheap ones whose figures were enlarged for a filter.
+NOISE = {
+    'gyroscope_noise_density': ('rad/s/√Hz', 1e-8, 0.1),
+    'gyroscope_random_walk': ('rad/s²/√Hz', 1e-10, 0.01),
+    'accelerometer_noise_density': ('m/s²/√Hz', 1e-6, 1.0),
+    'accelerometer_random_walk': ('m/s³/√Hz', 1e-8, 0.1),
+}
+RATES = dict.fromkeys(('update_rate', 'rate_hz'), ('Hz', 10.0, 20_000.0))
+# OpenCV's own files begin so, which is no YAML
+OPENCV = '%YAML:'
+# Entries of a matrix that are larger are no lengths in any unit
+LARGEST_ENTRY = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Chain:
+    """
+    The cameras of one file or folder, in the order of their names.
+
+    :param cameras: by name, (4, 4) what maps coordinates in the camera into those of the IMU.
+    :param said: by name, the key under which the file has it.
+    :param between: by name, (4, 4) what maps the camera before it into it, where it is given.
+    :param shifts: by name, seconds to be added to the stamps of the camera.
+    :param given: (4, 4) all transformations as they were written, by sensor and key.
+    :param noise: by name, what is said of the noise of an IMU and of its rate.
+    """
+
+    source: str
+    cameras: dict[str, np.ndarray] = field(default_factory=dict)
+    said: dict[str, str] = field(default_factory=dict)
+    between: dict[str, np.ndarray] = field(default_factory=dict)
+    shifts: dict[str, float] = field(default_factory=dict)
+    given: dict[tuple[str, str], np.ndarray] = field(default_factory=dict)
+    noise: dict[str, dict[str, float]] = field(default_factory=dict)
+
+    @property
+    def has_imu(self) -> bool:
+        """Whether the cameras are given in an IMU; otherwise the first of them is the origin."""
+        return '' not in self.said.values()
+
+
+def read_chains(paths: Sequence[Path]) -> list[Chain]:
+    """
+    Return a chain for each file of Kalibr's, and for each folder of EuRoC's.
+
+    :param paths: Kalibr's camchain, camchain-imucam or imu files, EuRoC's ``sensor.yaml`` files,
+        or folders of those.
+    :raises ReadError: what is not there, or not YAML.
+    :raises ConfigError: what has neither a transformation nor the noise of an IMU, a
+        transformation that is no 4 x 4 matrix, a number that is none.
+    """
+    chains: dict[str, Chain] = {}
+    for path in paths:
+        files = sorted(path.glob('**/sensor.yaml')) if path.is_dir() else [path]
+        if not files:
+            raise ReadError(path, 'there is no sensor.yaml in it')
+        for file in files:
+            content = _load(file)
+            is_euroc = 'T_BS' in content
+            source = str(file.parent.parent if is_euroc else file)
+            sensors = {file.parent.name: content} if is_euroc else _sensors(content)
+            chain = chains.setdefault(source, Chain(source))
+            if not sensors:
+                raise ConfigError(
+                    f'{file}: there is no T_BS, and no sensor with a transformation in it'
+                )
+            for name, sensor in sensors.items():
+                _take(chain, name, sensor)
+    return list(chains.values())
+
+
+def _load(path: Path) -> Section:
+    try:
+        with path.open(encoding='utf-8') as file:
+            text = file.read(MAX_YAML_BYTES + 1)
+    except OSError as error:
+        raise ReadError(path, error.strerror or str(error)) from None
+    except ValueError as error:
+        raise ReadError(path, f'not valid YAML: {error}') from None
+    if len(text) > MAX_YAML_BYTES:
+        raise ReadError(path, 'too large for a calibration')
+    if text.startswith(OPENCV):
+        text = '\n' + text.partition('\n')[2]
+    content = parse_yaml(text, path, lambda line: f'line {line}')
+    if not isinstance(content, Section):
+        raise ConfigError(f'{path}: a calibration is expected, a mapping of names to values')
+    return content
+
+
+def _sensors(content: Section) -> dict[str, Section]:
+    """Return the sensors in a file of Kalibr's: each has a section, but for the only IMU."""
+    if content.keys() & NOISE.keys():
+        return {'imu0': content}
+    return {
+        name: value
+        for name, value in content.items()
+        if isinstance(value, Section) and name.startswith(('cam', 'imu'))
+    }
+
+
+def _take(chain: Chain, name: str, sensor: Section) -> None:
+    """Add a sensor to the chain of its file."""
+    keys = [key for key in (*FROM_CAMERA, *TO_CAMERA) if key in sensor]
+    is_camera = sensor.get('sensor_type', name[:3]) in ('camera', 'cam')
+    wanted = (*keys[:1], 'T_cn_cnm1') if is_camera else ('T_BS', 'T_i_b')
+    given = {key: _matrix(sensor, key) for key in wanted if key in sensor}
+    chain.given.update({(name, key): matrix for key, matrix in given.items()})
+    if not is_camera:
+        known = [key for key in (*NOISE, *RATES) if key in sensor]
+        chain.noise[name] = {key: _number(sensor, key) for key in known}
+        return
+    before = next(reversed(chain.cameras), None)
+    if 'T_cn_cnm1' in given and before is not None:
+        chain.between[name] = given['T_cn_cnm1']
+    if keys:
+        matrix = given[keys[0]]
+        chain.cameras[name] = matrix if keys[0] in FROM_CAMERA else inverse(matrix)
+        chain.said[name] = keys[0]
+    elif before is not None and name in chain.between:
+        # cn from cn-1, so the IMU from cn by way of cn-1
+        chain.cameras[name] = chain.cameras[before] @ inverse(chain.between[name])
+        chain.said[name] = 'T_cn_cnm1'
+    elif before is None:
+        # the first camera of a chain without an IMU: all is relative to it
+        chain.cameras[name] = np.eye(4)
+        chain.said[name] = ''
+    else:
+        raise sensor.error(
+            name, f'{name} has none of {", ".join((*FROM_CAMERA, *TO_CAMERA, "T_cn_cnm1"))}'
+        )
+    if 'timeshift_cam_imu' in sensor:
+        chain.shifts[name] = _number(sensor, 'timeshift_cam_imu')
+
+
+def _number(sensor: Section, key: str) -> float:
+    number = finite(sensor[key])
+    if math.isnan(number):
+        raise sensor.error(key, f'{key}: a finite number is expected')
+    return number
+
+
+def _matrix(sensor: Section, key: str) -> np.ndarray:
+    """Return a (4, 4) matrix, of rows as Kalibr has it or of columns, rows and data as EuRoC."""
+    value = sensor[key]
+    if isinstance(value, Mapping):
+        value = value.get('data')
+    try:
+        matrix = np.array(value, np.float64)
+        if matrix.shape in ((4, 4), (16,)) and (np.abs(matrix) < LARGEST_ENTRY).all():
+            return matrix.reshape(4, 4)
+    except (TypeError, ValueError, OverflowError):
+        pass
+    raise sensor.error(
+        key,
+        f'{key}: a matrix of 4 rows and 4 columns is expected, of numbers below {LARGEST_ENTRY:g}',
+    )
+
+
+def inverse(matrix: np.ndarray) -> np.ndarray:
+    """Return the inverse of a rigid transformation; of what is none, as if it were one."""
+    result = np.eye(4)
+    result[:3, :3] = matrix[:3, :3].T
+    result[:3, 3] = -matrix[:3, :3].T @ matrix[:3, 3]
+    return result
