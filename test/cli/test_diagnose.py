@@ -270,6 +270,39 @@ def test_the_gyroscope_of_a_recording_gives_offset_turn_and_bias(tmp_path, name)
     assert 'gyroscope     the stamps of the estimate are 2' in text
 
 
+def test_a_headline_does_not_contradict_the_gyroscope(flight, tmp_path):
+    lines = (flight / 'imu.csv').read_text().splitlines()
+    rows = np.array([line.split(',')[1:4] for line in lines[1:]], float)
+    stamps = [line.split(',')[0] for line in lines[1:]]
+
+    def said(rates: np.ndarray, later_ns: int = 0) -> str:
+        """Return what is said of a healthy estimate and a gyroscope with a header of no units."""
+        written = ['#timestamp,w_x,w_y,w_z,a_x,a_y,a_z'] + [
+            f'{int(stamp) + later_ns},{x:.9f},{y:.9f},{z:.9f},0,0,9.81'
+            for stamp, (x, y, z) in zip(stamps, rates.tolist(), strict=True)
+        ]
+        (tmp_path / 'imu.csv').write_text('\n'.join(written) + '\n')
+        done = diagnose(*pair(flight, 'est'), '--imu', tmp_path / 'imu.csv')
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    healthy = said(rows)
+    assert healthy.splitlines()[0] == 'nothing unusual'
+    assert 'disagrees' not in healthy
+    for text, named in (
+        (said(rows, -90_000_000), 'the estimate is 90.'),
+        (said(rows[:, [1, 2, 0]]), 'it is turned by 1'),
+        (said(rows * [1, -1, 1]), 'an axis mirrored or two swapped'),
+    ):
+        assert text.splitlines()[0] == 'nothing unusual, but for what is below'
+        assert 'warning: the gyroscope disagrees: ' in text
+        assert named in text
+    degrees = said(np.degrees(rows))
+    assert degrees.splitlines()[0] == 'nothing unusual, but for what is below'
+    assert 'were taken for deg/s' in degrees
+    assert 'disagrees' not in degrees
+
+
 def test_a_gyroscope_that_never_turns_is_refused(flight, tmp_path):
     stamps_ns = 1_403_715_524_907_140_096 + 5_000_000 * np.arange(4000)
     rows = [f'{stamp},0,0,0,0,0,9.81' for stamp in stamps_ns.tolist()]
@@ -319,6 +352,30 @@ def test_two_signals_are_aligned_without_any_trajectory(tmp_path):
     said = diagnose(*files).stdout
     assert '2 rows of ' in said
     assert 'a.csv repeat a stamp or are no finite numbers' in said
+
+
+def test_opposite_signs_and_ambiguous_lags_are_told(tmp_path):
+    seconds = np.arange(0, 40, 0.01)
+    wave, pulse = np.sin(3 * seconds), np.exp(-((seconds - 20) ** 2))
+    for name, values in {'wave': wave, 'pulse': pulse, 'negative': -2 * pulse}.items():
+        lines = [f'{t:.6f} {v:.9f}' for t, v in zip(seconds, values, strict=True)]
+        (tmp_path / f'{name}.csv').write_text('\n'.join(lines) + '\n')
+
+    def found(*names: str) -> tuple[dict, str]:
+        files = [tmp_path / f'{name}.csv' for name in names]
+        document = json.loads(diagnose('--signals', *files, '--json').stdout)
+        return document, diagnose('--signals', *files).stdout
+
+    document, text = found('pulse', 'negative')
+    assert (document['sign'], document['ambiguous']) == (-1, False)
+    assert document['offset_s'] == pytest.approx(0, abs=1e-6)
+    assert 'correlation -1' in text
+    assert 'signs are opposite' in text
+    assert 'the lag is ambiguous' not in text
+    document, text = found('wave', 'wave')
+    assert (document['sign'], document['ambiguous']) == (1, True)
+    assert 'the lag is ambiguous' in text
+    assert 'signs are opposite' not in text
 
 
 def test_signals_that_cannot_be_compared_are_refused_in_one_line(tmp_path):

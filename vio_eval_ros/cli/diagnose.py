@@ -149,7 +149,9 @@ def _text(diagnosis: Diagnosis, estimate: Trajectory, gyroscope: Comparison | No
     """Return what is wrong, one paragraph a cause, and what could not be told."""
     warnings = _warnings(diagnosis) + _disagreements(gyroscope)
     nothing = 'nothing unusual' + ', but for what is below' * bool(warnings)
-    lines = [] if diagnosis.causes else [nothing]
+    ate_m = diagnosis.errors_before.get('ATE [m]', math.nan)
+    explained = f'   ATE {number(ate_m)} m: none of it has a cause that is known here.'
+    lines = [] if diagnosis.causes else [nothing, explained]
     for number_of, cause in enumerate(diagnosis.causes, 1):
         if number_of > 1:
             lines.append('')

@@ -14,10 +14,15 @@ from vio_eval_ros.errors import NoPairs
 FEWEST = 20
 MOST_SAMPLES = 1 << 20
 ITERATIONS = 8
-CONVERGED_S = 1e-8
+CONVERGED_S = 1e-7
 # The smoothing is chosen by how certain so many parts make the lag, and so much more certain has
 # a wider one to be; a narrow one that is so much less certain follows the noise
-PARTS, WIDER, WORSE = 30, 1.2, 1.5
+PARTS, WIDER, WORSE = 30, 1.3, 1.6
+# 95 % of Student's distribution with 29 degrees of freedom are within this
+T_95_OF_PARTS = 2.045
+# of the longer interval between samples, for each radian that the signals turn in it: what
+# interpolation leaves of hardly sampled ones
+FLOOR_INTERVALS = 0.04
 # another peak may be the right one where no more than this is left unexplained
 AMBIGUOUS, ANYHOW = 1.1, 0.02
 
@@ -155,7 +160,13 @@ def _refined(
     if not best:
         return start_s, math.inf
     offset_s = converged(best)
-    return offset_s, T_95 * _jackknife(*pulls(offset_s, best), BLOCKS)
+    # a few long parts know of errors that last, many short ones are told more surely
+    terms = pulls(offset_s, best)
+    told_s = max(T_95 * _jackknife(*terms, BLOCKS), T_95_OF_PARTS * _jackknife(*terms, PARTS))
+    if not math.isfinite(told_s):
+        return offset_s, math.inf
+    turning = math.sqrt(terms[1].sum() / 2 / abs(np.vdot(*smoothed(offset_s, best))))
+    return offset_s, math.hypot(told_s, FLOOR_INTERVALS * turning * max(intervals_s) ** 2)
 
 
 def _smoothed(values: np.ndarray, width: int) -> np.ndarray:
