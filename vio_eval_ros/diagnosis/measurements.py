@@ -350,13 +350,15 @@ def _contradicting(run: Run, correction: Correction, lag: Lag) -> float | None:
     """
     Return how much later the positions are than the orientations, if they have not their offset.
 
-    It is not theirs where undoing it harms the positions, which surely have less of it.
+    It is not theirs where undoing it harms the positions, which have less than half of it, and
+    surely not all.
     """
     if not run.turning or not run.is_worse(replace(correction, offset_s=lag.offset_s), correction):
         return None
     of_positions = fit_lag(correction.apply(run.estimate), run.true_poses, lag.offset_s, False)
     alike_s = math.copysign(1.0, lag.offset_s) * of_positions.offset_s
-    less = alike_s + of_positions.offset_uncertainty_s < abs(lag.offset_s)
+    known_s = max(alike_s + of_positions.offset_uncertainty_s, 2 * alike_s)
+    less = known_s < abs(lag.offset_s)
     return of_positions.offset_s - lag.offset_s if less else None
 
 
