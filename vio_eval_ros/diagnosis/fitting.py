@@ -125,9 +125,10 @@ def least_squares(
     """
     Return the robust solution x of design x = target.
 
-    Neighbouring rows err alike, so the covariance is taken from how much the solution changes
-    without each of the blocks of rows, one behind the other in time (the jackknife, clustered). A
-    direction that no row speaks of keeps the uncertainty of the prior.
+    Neighbouring rows err alike, so the covariance is that of how much the solution changes without
+    each of the blocks of rows, one behind the other in time (the jackknife, clustered), and that
+    of white noise, since few blocks may agree by chance. A direction that no row speaks of keeps
+    the uncertainty of the prior.
 
     :param design: (M, D, P).
     :param target: (M, D).
@@ -157,8 +158,7 @@ def least_squares(
         changes.append(np.linalg.solve(rest, pull))
     apart = np.array(changes) - np.mean(changes, axis=0)
     spread = follow**2 * (BLOCKS - 1) / BLOCKS * apart.T @ apart
-    untold = noise * np.linalg.inv(information) / prior
-    return Fit(values, spread + untold @ untold.T, weights, residuals)
+    return Fit(values, spread + noise * np.linalg.inv(information), weights, residuals)
 
 
 def fit_slope(along: np.ndarray, values: np.ndarray) -> tuple[float, float]:
