@@ -64,6 +64,23 @@ def load_yaml(path: Path) -> Section:
         part a billion times).
     :raises ConfigError: not a mapping.
     """
+    text = yaml_text(path, 'a file of options')
+    content = parse_yaml(text, path, lambda line: f'line {line}')
+    if content is None:
+        return Section(path)
+    if not isinstance(content, Section):
+        raise ConfigError(f'{path}: a mapping of names to values is expected')
+    content.place = ''
+    return content
+
+
+def yaml_text(path: Path, what: str) -> str:
+    """
+    Return the text of a YAML file.
+
+    :param what: it is, for errors.
+    :raises ReadError: no such file, no text, or too much of it.
+    """
     try:
         with path.open(encoding='utf-8') as file:
             text = file.read(MAX_YAML_BYTES + 1)
@@ -72,14 +89,8 @@ def load_yaml(path: Path) -> Section:
     except ValueError as error:
         raise ReadError(path, f'not valid YAML: {error}') from None
     if len(text) > MAX_YAML_BYTES:
-        raise ReadError(path, 'too large for a file of options')
-    content = parse_yaml(text, path, lambda line: f'line {line}')
-    if content is None:
-        return Section(path)
-    if not isinstance(content, Section):
-        raise ConfigError(f'{path}: a mapping of names to values is expected')
-    content.place = ''
-    return content
+        raise ReadError(path, f'too large for {what}')
+    return text
 
 
 def parse_yaml(text: str, file: Path, place: Callable[[int], str]) -> Any:

@@ -20,6 +20,7 @@ from vio_eval_ros.diagnosis.fitting import (
     similarity,
     turn_is_told,
 )
+from vio_eval_ros.diagnosis.geometry import UP
 from vio_eval_ros.diagnosis.interpolation import Interpolator
 
 GRID_S = 0.01
@@ -32,7 +33,6 @@ ITERATIONS = 15
 # where only positions tell the lag, scale and heading may follow polynomials: their degree rises
 # by one in so many seconds
 WALK_S, MOST_WALK = 15.0, 8
-UP = np.array([0.0, 0.0, 1.0])
 HORIZON_S = 0.25
 LARGEST_TURN = 2.6
 MIN_MOTIONS = 10

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from vio_eval_ros.errors import ConfigError, ReadError
-from vio_eval_ros.settings import finite, MAX_YAML_BYTES, parse_yaml, Section
+from vio_eval_ros.settings import finite, parse_yaml, Section, yaml_text
 
 #: What the names of transformations mean: whether the first or the second frame is the sensor's.
 #: T_A_B maps coordinates in B into coordinates in A.
@@ -89,15 +89,7 @@ def read_chains(paths: Sequence[Path]) -> list[Chain]:
 
 
 def _load(path: Path) -> Section:
-    try:
-        with path.open(encoding='utf-8') as file:
-            text = file.read(MAX_YAML_BYTES + 1)
-    except OSError as error:
-        raise ReadError(path, error.strerror or str(error)) from None
-    except ValueError as error:
-        raise ReadError(path, f'not valid YAML: {error}') from None
-    if len(text) > MAX_YAML_BYTES:
-        raise ReadError(path, 'too large for a calibration')
+    text = yaml_text(path, 'a calibration')
     if text.startswith(OPENCV):
         text = '\n' + text.partition('\n')[2]
     content = parse_yaml(text, path, lambda line: f'line {line}')
