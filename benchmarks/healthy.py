@@ -10,9 +10,9 @@ have something wrong; and how long it takes. Prints Markdown tables.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-from functools import reduce
+from functools import partial, reduce
 import json
 import math
 import os
@@ -69,68 +69,55 @@ OTHERS = [
 
 def main() -> None:
     """Print all tables."""
-    simulated()
-    motions()
-    intervals()
+    table('drift', ((f'{times:g} times', partial(simulated, times)) for times in DRIFTS))
+    table('motion', ((kind, partial(moving, kind)) for kind in MOTIONS))
+    table('motion', ((kind, partial(intervals, kind)) for kind in MOTIONS))
     if DATA.is_dir():
         beginnings()
         others()
     durations()
 
 
-def simulated() -> None:
-    """Print what is named of flights whose drift is some times the usual."""
-    print('| drift | ' + ' | '.join(f'{length:g} s' for length in LENGTHS_S) + ' |')
+def table(head: str, rows: Iterable[tuple[str, Callable[[float], str]]]) -> None:
+    """Print a table with a column for each length; a row's cells are made by its function."""
+    print(f'\n| {head} | ' + ' | '.join(f'{length:g} s' for length in LENGTHS_S) + ' |')
     print('|---|' + '---|' * len(LENGTHS_S))
+    for name, cell in rows:
+        print(f'| {name} | ' + ' | '.join(map(cell, LENGTHS_S)) + ' |')
+
+
+def simulated(times: float, length_s: float) -> str:
+    """Return what is named of flights whose drift is some times the usual."""
     usual = Drift()
-    for times in DRIFTS:
-        drift = Drift(
-            times * usual.position_walk,
-            times * usual.yaw_walk,
-            1 + times * (usual.scale - 1),
-            times * usual.position_noise,
-            times * usual.orientation_noise,
-        )
-        cells = []
-        for length_s in LENGTHS_S:
-            flights = [simulate(length_s, seed=seed, drift=drift) for seed in SEEDS]
-            cells.append(
-                counted([diagnose(one.estimate, one.ground_truth, CONFIG) for one in flights])
-            )
-        print(f'| {times:g} times | ' + ' | '.join(cells) + ' |')
+    drift = Drift(
+        times * usual.position_walk,
+        times * usual.yaw_walk,
+        1 + times * (usual.scale - 1),
+        times * usual.position_noise,
+        times * usual.orientation_noise,
+    )
+    flights = (simulate(length_s, seed=seed, drift=drift) for seed in SEEDS)
+    return counted([diagnose(one.estimate, one.ground_truth, CONFIG) for one in flights])
 
 
-def motions() -> None:
-    """Print what is named of other motions than flights, against a truth that is noisy."""
-    print('\n| motion | ' + ' | '.join(f'{length:g} s' for length in LENGTHS_S) + ' |')
-    print('|---|' + '---|' * len(LENGTHS_S))
-    for kind, drift in MOTIONS.items():
-        cells = []
-        for length_s in LENGTHS_S:
-            cells.append(counted([diagnose(*moved(kind, seed, length_s, drift), CONFIG)
-                                  for seed in SEEDS]))  # fmt: skip
-        print(f'| {kind} | ' + ' | '.join(cells) + ' |')
+def moving(kind: str, length_s: float) -> str:
+    """Return what is named of a motion, against a truth that is noisy."""
+    drift = MOTIONS[kind]
+    return counted([diagnose(*moved(kind, seed, length_s, drift), CONFIG) for seed in SEEDS])
 
 
-def intervals() -> None:
-    """Print how often 95 % intervals hold: of the scale, and of the offset by positions alone."""
-    print('\n| motion | ' + ' | '.join(f'{length:g} s' for length in LENGTHS_S) + ' |')
-    print('|---|' + '---|' * len(LENGTHS_S))
-    for kind, drift in MOTIONS.items():
-        cells = []
-        for length_s in LENGTHS_S:
-            held: Counter[str] = Counter()
-            for seed in SEEDS:
-                poses, truth = moved(kind, seed, length_s, drift)
-                scale = diagnose(poses, truth, CONFIG).findings['scale']
-                held['scale'] += abs(scale['value'] - drift.scale) <= scale['uncertainty']
-                found = diagnose(poses, replace(truth, rotations=None), CONFIG).findings
-                offset = found['time_offset']
-                held['offset'] += abs(offset['value']) <= offset['uncertainty']
-            cells.append(
-                ', '.join(f'{name} {count} of {len(SEEDS)}' for name, count in held.items())
-            )
-        print(f'| {kind} | ' + ' | '.join(cells) + ' |')
+def intervals(kind: str, length_s: float) -> str:
+    """Return how often 95 % intervals hold: of the scale, and of the offset by positions alone."""
+    drift = MOTIONS[kind]
+    held: Counter[str] = Counter()
+    for seed in SEEDS:
+        poses, truth = moved(kind, seed, length_s, drift)
+        scale = diagnose(poses, truth, CONFIG).findings['scale']
+        held['scale'] += abs(scale['value'] - drift.scale) <= scale['uncertainty']
+        found = diagnose(poses, replace(truth, rotations=None), CONFIG).findings
+        offset = found['time_offset']
+        held['offset'] += abs(offset['value']) <= offset['uncertainty']
+    return ', '.join(f'{name} {count} of {len(SEEDS)}' for name, count in held.items())
 
 
 def moved(
