@@ -23,8 +23,8 @@ from rclpy.executors import (
 from rclpy.experimental import EventsExecutor
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 
-from vio_eval_ros.nodes.evaluator_node import DRAIN_S
-from vio_eval_ros.nodes.stream import DEPTH, Polled
+from vio_eval_ros.ros.evaluator_node import DRAIN_S
+from vio_eval_ros.ros.pose_topic import DEPTH, Polled
 
 EXECUTORS = {
     'single': SingleThreadedExecutor,

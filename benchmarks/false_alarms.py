@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vio_eval_ros.reports.tables import tum
+from vio_eval_ros.rendering.text import tum
 from vio_eval_ros.scoring.baseline import compare, Rule
 from vio_eval_ros.simulation import Drift, simulate
 

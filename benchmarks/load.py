@@ -22,7 +22,7 @@ from rclpy.qos import QoSProfile
 from rclpy.serialization import serialize_message
 
 from vio_eval_ros.core.trajectory import Trajectory
-from vio_eval_ros.nodes.stream import DEPTH
+from vio_eval_ros.ros.pose_topic import DEPTH
 
 ESTIMATE_PERIOD_NS, TRUTH_PERIOD_NS = 1_000_000, 2_500_000
 DISCOVERY_S = 30.0

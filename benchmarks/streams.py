@@ -28,7 +28,7 @@ from processes import PROJECT
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
-from vio_eval_ros.core.stream import Stream
+from vio_eval_ros.core.sensor_stream import SensorStream
 from vio_eval_ros.imu.simulate import EUROC
 from vio_eval_ros.simulation import simulate
 
@@ -44,8 +44,8 @@ CLEAN = 'no fault'
 # a number that is not part of a name
 FIGURE = re.compile(r'(?<![\w/])[-+]?\d[\d.,]*')
 
-Rig = dict[str, Stream]
-Harm = Callable[[Stream, np.random.Generator], Stream]
+Rig = dict[str, SensorStream]
+Harm = Callable[[SensorStream, np.random.Generator], SensorStream]
 
 
 def rig(seed: int) -> Rig:
@@ -62,7 +62,7 @@ def rig(seed: int) -> Rig:
         (ODOM, ODOMETRY, 'pose', camera_ns, poses),
     )
     return {
-        topic: Stream(
+        topic: SensorStream(
             topic, msgtype, kind, transported(stamps_ns, source), stamps_ns,
             {topic.split('/')[1]: len(stamps_ns)}, numbers,
         )
@@ -76,7 +76,7 @@ def transported(stamps_ns: np.ndarray, source: np.random.Generator) -> np.ndarra
     return np.asarray(np.maximum.accumulate(stamps_ns + delays_ns))
 
 
-def kept(stream: Stream, which: np.ndarray) -> Stream:
+def kept(stream: SensorStream, which: np.ndarray) -> SensorStream:
     """Return some messages of a stream, by index or mask."""
     assert stream.logged_ns is not None
     assert stream.stamps_ns is not None
@@ -90,22 +90,22 @@ def kept(stream: Stream, which: np.ndarray) -> Stream:
     )
 
 
-def seconds(stream: Stream) -> np.ndarray:
+def seconds(stream: SensorStream) -> np.ndarray:
     """Return the (N,) times of the stamps since the first."""
     return np.asarray((stream.times_ns - stream.times_ns[0]) / 1e9)
 
 
-def stamped(stream: Stream, stamps_ns: np.ndarray) -> Stream:
+def stamped(stream: SensorStream, stamps_ns: np.ndarray) -> SensorStream:
     """Return the messages with other stamps, recorded when they were."""
     return replace(stream, stamps_ns=np.rint(stamps_ns).astype(np.int64))
 
 
-def measured(stream: Stream, numbers: np.ndarray) -> Stream:
+def measured(stream: SensorStream, numbers: np.ndarray) -> SensorStream:
     """Return the messages with other numbers."""
     return replace(stream, numbers=numbers)
 
 
-def dropped(stream: Stream, source: np.random.Generator) -> Stream:
+def dropped(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return the messages without 5 % of them."""
     return kept(stream, source.random(len(stream)) > 0.05)
 
@@ -113,14 +113,14 @@ def dropped(stream: Stream, source: np.random.Generator) -> Stream:
 def silent(begin_s: float, end_s: float) -> Harm:
     """Return what leaves out the messages from one time to another."""
 
-    def harm(stream: Stream, source: np.random.Generator) -> Stream:
+    def harm(stream: SensorStream, source: np.random.Generator) -> SensorStream:
         at = seconds(stream)
         return kept(stream, (at < begin_s) | (at >= end_s))
 
     return harm
 
 
-def swapped(stream: Stream, source: np.random.Generator) -> Stream:
+def swapped(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return the messages with ten pairs in the wrong order."""
     order = np.arange(len(stream))
     for first in source.choice(len(stream) // 2, 10, replace=False) * 2:
@@ -128,57 +128,57 @@ def swapped(stream: Stream, source: np.random.Generator) -> Stream:
     return replace(kept(stream, order), logged_ns=stream.logged_ns)
 
 
-def repeated(stream: Stream, source: np.random.Generator) -> Stream:
+def repeated(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return the messages with twenty of them twice."""
     twice = source.choice(len(stream), 20, replace=False)
     return kept(stream, np.sort(np.concatenate([np.arange(len(stream)), twice])))
 
 
-def nearly_repeated(stream: Stream, source: np.random.Generator) -> Stream:
+def nearly_repeated(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return the messages with twenty of them twice, the second time a microsecond later."""
     twice = repeated(stream, source)
     return stamped(twice, twice.times_ns + 1000 * np.append(False, np.diff(twice.times_ns) == 0))
 
 
-def misstamped(stream: Stream, source: np.random.Generator) -> Stream:
+def misstamped(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return the messages, of which one is stamped 1000 s ahead."""
     stamps_ns = stream.times_ns.copy()
     stamps_ns[len(stamps_ns) // 2] += 10**6 * MS
     return stamped(stream, stamps_ns)
 
 
-def jittering(stream: Stream, source: np.random.Generator) -> Stream:
+def jittering(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return the messages with stamps that scatter by 3 ms."""
     return stamped(stream, stream.times_ns + source.normal(0, 3 * MS, len(stream)))
 
 
-def drifting(stream: Stream, source: np.random.Generator) -> Stream:
+def drifting(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return the messages with stamps of a clock that gains 50 ppm."""
     return stamped(stream, stream.times_ns + 50e-6 * 1e9 * seconds(stream))
 
 
-def stepping(stream: Stream, source: np.random.Generator) -> Stream:
+def stepping(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return the messages with stamps of a clock that is set forward by 20 ms half-way."""
     return stamped(stream, stream.times_ns + 20 * MS * (seconds(stream) > SECONDS / 2))
 
 
-def off(stream: Stream, source: np.random.Generator) -> Stream:
+def off(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return the messages with stamps of a clock that is 2 s slow."""
     return stamped(stream, stream.times_ns - 2000 * MS)
 
 
-def skewed(stream: Stream, source: np.random.Generator) -> Stream:
+def skewed(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return the messages 5 ms later, as of a camera that is triggered so much later."""
     later = stamped(stream, stream.times_ns + 5 * MS)
     return replace(later, logged_ns=stream.arrivals_ns + 5 * MS)
 
 
-def coarse(stream: Stream, source: np.random.Generator) -> Stream:
+def coarse(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return the messages with stamps in steps of 10 ms."""
     return stamped(stream, stream.times_ns // (10 * MS) * (10 * MS))
 
 
-def stalling(stream: Stream, source: np.random.Generator) -> Stream:
+def stalling(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return the messages, of which those of 2 s arrive together."""
     at, logged_ns = seconds(stream), np.array(stream.logged_ns)
     held = np.flatnonzero((at >= 30) & (at < 32))
@@ -186,17 +186,17 @@ def stalling(stream: Stream, source: np.random.Generator) -> Stream:
     return replace(stream, logged_ns=logged_ns)
 
 
-def unstamped(stream: Stream, source: np.random.Generator) -> Stream:
+def unstamped(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return the messages without stamps."""
     return stamped(stream, np.zeros(len(stream)))
 
 
-def thinned(stream: Stream, source: np.random.Generator) -> Stream:
+def thinned(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return every fourth message."""
     return kept(stream, np.arange(0, len(stream), 4))
 
 
-def halved(stream: Stream, source: np.random.Generator) -> Stream:
+def halved(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return every second message."""
     return kept(stream, np.arange(0, len(stream), 2))
 
@@ -204,7 +204,7 @@ def halved(stream: Stream, source: np.random.Generator) -> Stream:
 def stuck(columns: slice, begin_s: float, end_s: float) -> Harm:
     """Return what repeats some columns of a sample, from one time to another."""
 
-    def harm(stream: Stream, source: np.random.Generator) -> Stream:
+    def harm(stream: SensorStream, source: np.random.Generator) -> SensorStream:
         at, numbers = seconds(stream), np.array(stream.numbers)
         held = np.flatnonzero((at >= begin_s) & (at < end_s))
         numbers[held, columns] = numbers[held[0], columns]
@@ -213,21 +213,21 @@ def stuck(columns: slice, begin_s: float, end_s: float) -> Harm:
     return harm
 
 
-def spiked(stream: Stream, source: np.random.Generator) -> Stream:
+def spiked(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return samples, of which one is 500 m/s² off."""
     numbers = np.array(stream.numbers)
     numbers[len(numbers) // 2, 3] += 500
     return measured(stream, numbers)
 
 
-def noisy(stream: Stream, source: np.random.Generator) -> Stream:
+def noisy(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return samples with ten times the noise of the IMU."""
     deviations = np.repeat([EUROC.gyro.density, EUROC.accel.density], 3) * 200**0.5
     numbers = np.asarray(stream.numbers)
     return measured(stream, numbers + source.normal(0, 10 * deviations, numbers.shape))
 
 
-def saturated(stream: Stream, source: np.random.Generator) -> Stream:
+def saturated(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return samples whose acceleration is cut off at 0.9 of what its z axis reaches."""
     numbers = np.array(stream.numbers)
     limit = 0.9 * np.abs(numbers[:, 5]).max()
@@ -235,7 +235,7 @@ def saturated(stream: Stream, source: np.random.Generator) -> Stream:
     return measured(stream, numbers)
 
 
-def without_numbers(stream: Stream, source: np.random.Generator) -> Stream:
+def without_numbers(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return the messages, of which ten in a row are NaN."""
     numbers = np.array(stream.numbers)
     numbers[2000:2010] = np.nan
@@ -247,14 +247,14 @@ def times(*factors: float) -> Harm:
     return lambda stream, source: measured(stream, np.asarray(stream.numbers) * factors)
 
 
-def jumping(stream: Stream, source: np.random.Generator) -> Stream:
+def jumping(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return poses that are 1 m away half-way and stay there."""
     numbers = np.array(stream.numbers)
     numbers[len(numbers) // 2 :, 0] += 1
     return measured(stream, numbers)
 
 
-def renamed(stream: Stream, source: np.random.Generator) -> Stream:
+def renamed(stream: SensorStream, source: np.random.Generator) -> SensorStream:
     """Return the messages, of which the last hundred name another frame."""
     (name,) = stream.frames
     return replace(stream, frames={name: len(stream) - 100, f'{name}_2': 100})
@@ -306,7 +306,7 @@ FAULTS = (
 )
 
 
-def write(path: Path, streams: Mapping[str, Stream]) -> Path:
+def write(path: Path, streams: Mapping[str, SensorStream]) -> Path:
     """Write streams as a rosbag2 folder; return the mcap file in it."""
     store = get_typestore(Stores.ROS2_JAZZY)
     pixels = np.random.default_rng(0).integers(0, 256, (64, WIDTH * HEIGHT), np.uint8)

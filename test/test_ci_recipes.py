@@ -18,10 +18,10 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from vio_eval_ros import __version__
-from vio_eval_ros.reports.tables import tum
+from vio_eval_ros.rendering.text import tum
 from vio_eval_ros.scoring.baseline import Baseline
 from vio_eval_ros.simulation import Drift, simulate
+from vio_eval_ros.version import __version__
 
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENT = (ROOT / 'docs/ci.md').read_text()

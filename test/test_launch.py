@@ -17,7 +17,7 @@ import sys
 
 import pytest
 
-from vio_eval_ros.nodes.options import NodeConfig
+from vio_eval_ros.live.options import NodeConfig
 from vio_eval_ros.recordings.sources import read_sources
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -9,8 +9,8 @@ import xml.etree.ElementTree as ElementTree
 
 import pytest
 
-from vio_eval_ros import __version__
 from vio_eval_ros.__main__ import main, VERBS
+from vio_eval_ros.version import __version__
 
 ROOT = Path(__file__).resolve().parents[1]
 

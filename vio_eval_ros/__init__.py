@@ -1,3 +1,5 @@
 """Accuracy of visual-inertial odometry and SLAM, while it runs and afterwards."""
 
-__version__ = '0.1.0'
+from vio_eval_ros.version import __version__
+
+__all__ = ['__version__']

@@ -12,14 +12,14 @@ import sys
 
 #: Every verb: the module whose ``main`` runs it, and what it does. ``setup.py`` reads it too.
 VERBS: dict[str, tuple[str, str]] = {
-    'evaluator': ('vio_eval_ros.nodes.evaluator', 'score a running estimator, live in ROS 2'),
+    'evaluator': ('vio_eval_ros.cli.evaluator', 'score a running estimator, live in ROS 2'),
     'replay': ('vio_eval_ros.cli.replay', 'score one recording or a pair of trajectory files'),
     'score': ('vio_eval_ros.cli.score', 'score a suite of runs against gates and a baseline'),
     'imu_noise': ('vio_eval_ros.cli.imu_noise', 'measure the noise of an IMU at rest'),
     'diagnose': ('vio_eval_ros.cli.diagnose', 'say why an estimate is bad'),
     'simulate': ('vio_eval_ros.cli.simulate', 'write a run with known truth and chosen faults'),
     'inspect': ('vio_eval_ros.cli.inspect', 'look for faults in the streams of a recording'),
-    'play': ('vio_eval_ros.nodes.play', 'publish a recording into ROS 2'),
+    'play': ('vio_eval_ros.cli.play', 'publish a recording into ROS 2'),
 }
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from vio_eval_ros.reports.tables import tum
+from vio_eval_ros.rendering.text import tum
 from vio_eval_ros.scoring.documents import SUITE_REPORTS
 from vio_eval_ros.simulation import Drift, simulate, write_recording
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from vio_eval_ros.imu.simulate import EUROC
-from vio_eval_ros.reports.tables import tum
+from vio_eval_ros.rendering.text import tum
 from vio_eval_ros.simulation import FAULTS, simulate
 from vio_eval_ros.simulation.recording import KINDS
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vio_eval_ros.core.stream import Stream
+from vio_eval_ros.core.sensor_stream import SensorStream
 
 FIRST_NS = 1_403_636_579_763_555_584
 DURATION_S = 30.0
@@ -21,7 +21,7 @@ KINDS = {
 
 def stream(
     topic: str, msgtype: str, rate_hz: float, source: np.random.Generator, numbers=None
-) -> Stream:
+) -> SensorStream:
     """Return messages whose stamps are off by microseconds, recorded after a random delay."""
     elapsed = np.arange(0, DURATION_S, 1 / rate_hz)
     stamps_ns = FIRST_NS + np.round(elapsed * 1e9).astype(np.int64)
@@ -29,7 +29,7 @@ def stream(
     delays = 4_000_000 + source.exponential(2_000_000, len(elapsed)).astype(np.int64)
     logged_ns = np.maximum.accumulate(stamps_ns + delays)
     columns = None if numbers is None else numbers(elapsed, source)
-    return Stream(
+    return SensorStream(
         topic, msgtype, KINDS[msgtype], logged_ns, stamps_ns, {'frame': len(elapsed)}, columns
     )
 
@@ -53,7 +53,7 @@ def moved(elapsed: np.ndarray, source: np.random.Generator) -> np.ndarray:
 
 
 @pytest.fixture
-def rig() -> dict[str, Stream]:
+def rig() -> dict[str, SensorStream]:
     """Return the streams of a clean recording, by short names."""
     source = np.random.default_rng(3)
     cam0 = stream('/cam0/image_raw', 'sensor_msgs/msg/Image', 20.0, source)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from vio_eval_ros.core import rotation
-from vio_eval_ros.core.stream import Stream
+from vio_eval_ros.core.sensor_stream import SensorStream
 from vio_eval_ros.inspection.documents import json_document, Report, text_document
 from vio_eval_ros.inspection.findings import Finding
 from vio_eval_ros.inspection.html import html_document, period_over_time, timeline
@@ -17,10 +17,10 @@ from vio_eval_ros.inspection.inspection import inspect, Inspection
 
 IMAGE, IMU = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/Imu'
 FIRST_NS = 1_403_636_579_763_555_584
-Rig = dict[str, Stream]
+Rig = dict[str, SensorStream]
 
 
-def inspected(rig: Rig, **changed: Stream) -> Inspection:
+def inspected(rig: Rig, **changed: SensorStream) -> Inspection:
     return inspect(list({**rig, **changed}.values()))
 
 
@@ -33,7 +33,7 @@ def the(inspection: Inspection, name: str) -> Finding:
     return found
 
 
-def kept(stream: Stream, which: np.ndarray) -> Stream:
+def kept(stream: SensorStream, which: np.ndarray) -> SensorStream:
     """Return some messages of a stream, in the order given."""
     return replace(
         stream,
@@ -43,7 +43,7 @@ def kept(stream: Stream, which: np.ndarray) -> Stream:
     )
 
 
-def without(stream: Stream, *lost: int) -> Stream:
+def without(stream: SensorStream, *lost: int) -> SensorStream:
     return kept(stream, np.setdiff1d(np.arange(len(stream)), lost))
 
 
@@ -156,7 +156,7 @@ def test_jitter_of_three_milliseconds_is_found_at_any_rate(rate_hz, share):
     count = 60 * rate_hz
     late = source.uniform(0, 3e6, count) if share == 1 else 3e6 * (source.random(count) < share)
     stamps_ns = FIRST_NS + np.arange(count) * (10**9 // rate_hz)
-    stream = Stream('/cam', IMAGE, 'camera', None, stamps_ns + late.astype(np.int64), {})
+    stream = SensorStream('/cam', IMAGE, 'camera', None, stamps_ns + late.astype(np.int64), {})
     assert wrong(inspect([stream])) == {('jitter', '/cam')}
 
 
@@ -201,7 +201,7 @@ def test_the_uncertainty_of_a_drift_is_honest():
     for _ in range(100):
         stamps_ns = np.arange(400) * 50_000_000
         logged_ns = stamps_ns + source.exponential(2e6, 400).astype(np.int64)
-        stream = Stream(
+        stream = SensorStream(
             '/cam', IMAGE, 'camera', np.maximum.accumulate(logged_ns), stamps_ns + 1, {}
         )
         (one,) = inspect([stream]).streams
@@ -238,7 +238,9 @@ def test_transport_that_wanders_is_hardly_ever_taken_for_drift(duration_s):
         stamps_ns = FIRST_NS + np.arange(count) * 50_000_000
         delays = 5e6 + wander + source.exponential(0.5e6, count)
         logged_ns = stamps_ns + delays.astype(np.int64)
-        alarms += bool(wrong(inspect([Stream('/cam', IMAGE, 'camera', logged_ns, stamps_ns, {})])))
+        alarms += bool(
+            wrong(inspect([SensorStream('/cam', IMAGE, 'camera', logged_ns, stamps_ns, {})]))
+        )
     assert alarms <= 2
 
 
@@ -295,7 +297,7 @@ def test_a_recorder_whose_clock_stands_still_is_told(rig):
     assert 'does not go forward' in found['replayed']
 
 
-def stalled(stream: Stream, begin_s: float, end_s: float) -> Stream:
+def stalled(stream: SensorStream, begin_s: float, end_s: float) -> SensorStream:
     """Return the messages, of which those of some seconds are recorded at the end of them."""
     end_ns = stream.logged_ns[0] + round(1e9 * end_s)
     is_held = (stream.logged_ns >= stream.logged_ns[0] + 1e9 * begin_s) & (
@@ -336,7 +338,7 @@ def test_a_recorder_that_stalls_with_all_topics_is_no_fault_of_a_sensor(rig):
 def test_a_stall_stands_out_of_hours_of_drift():
     stamps_ns = FIRST_NS + np.arange(36_000) * 200_000_000
     logged_ns = stamps_ns + 5_000_000 + (stamps_ns - FIRST_NS) // 10_000
-    drifting = Stream('/cam', IMAGE, 'camera', logged_ns, stamps_ns, {})
+    drifting = SensorStream('/cam', IMAGE, 'camera', logged_ns, stamps_ns, {})
     names = {one.name for one in inspect([stalled(drifting, 5000, 5002.5)]).findings}
     assert names == {'clock_drift', 'late_arrival'}
 
@@ -724,7 +726,7 @@ def test_a_shock_that_rings_is_no_spike(rig):
     assert wrong(inspected(rig, imu=replace(rig['imu'], numbers=numbers))) == set()
 
 
-def held(seed: int, fastest_rad_s: float = 0.1) -> Stream:
+def held(seed: int, fastest_rad_s: float = 0.1) -> SensorStream:
     """Return an IMU that is turned and moved by hand: both of its sensors are in one motion."""
     source, elapsed = np.random.default_rng(seed), np.arange(0, 60, 0.01)
     waves = [
@@ -743,7 +745,7 @@ def held(seed: int, fastest_rad_s: float = 0.1) -> Stream:
     numbers = np.hstack([rates, forces])
     numbers += source.normal(0, [0.003] * 3 + [0.03] * 3, numbers.shape)
     stamps_ns = FIRST_NS + np.arange(len(elapsed)) * 10_000_000
-    return Stream('/imu0', IMU, 'imu', stamps_ns + 4_000_000, stamps_ns, {}, numbers)
+    return SensorStream('/imu0', IMU, 'imu', stamps_ns + 4_000_000, stamps_ns, {}, numbers)
 
 
 @pytest.mark.parametrize('seed', range(5))
@@ -786,7 +788,7 @@ def test_a_gap_does_not_hide_a_step_of_the_bias():
     assert 'bias_step' not in {n for n, _ in wrong(inspect([kept(imu, np.r_[0:1000, 1015:6000])]))}
 
 
-def driven(seed: int) -> Stream:
+def driven(seed: int) -> SensorStream:
     """Return the IMU of a car: it accelerates for seconds, which is not distinct from a tilt."""
     source, elapsed = np.random.default_rng(seed), np.arange(0, 300, 0.02)
 
@@ -802,7 +804,7 @@ def driven(seed: int) -> Stream:
     numbers = np.stack(columns, axis=1)
     numbers += source.normal(0, [0.003] * 3 + [0.05] * 3, numbers.shape)
     stamps_ns = FIRST_NS + np.arange(len(elapsed)) * 20_000_000
-    return Stream('/imu0', IMU, 'imu', stamps_ns + 4_000_000, stamps_ns, {}, numbers)
+    return SensorStream('/imu0', IMU, 'imu', stamps_ns + 4_000_000, stamps_ns, {}, numbers)
 
 
 def test_a_car_that_accelerates_has_no_step_of_the_bias():
@@ -1034,7 +1036,9 @@ def test_no_stamps_and_no_numbers_are_too_strange(times, seed):
     for topic, (msgtype, kind, width) in TYPES.items():
         some = np.array(times, np.int64)[: source.integers(1, len(times) + 1)]
         numbers = None if width is None else source.choice(odd, (len(some), width))
-        streams.append(Stream(topic, msgtype, kind, np.sort(some[:, 0]), some[:, 1], {}, numbers))
+        streams.append(
+            SensorStream(topic, msgtype, kind, np.sort(some[:, 0]), some[:, 1], {}, numbers)
+        )
     report = Report('odd', inspect(streams))
     assert json.loads(json_document(report))['schema'] == 'vio_eval_ros.inspection/1'
     assert all(topic in text_document(report) for topic in TYPES)

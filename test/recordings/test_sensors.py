@@ -9,7 +9,7 @@ from rosbags.rosbag2 import StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
-from vio_eval_ros.core.stream import Stream
+from vio_eval_ros.core.sensor_stream import SensorStream
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.sensors import read_sensors
 from vio_eval_ros.recordings.sources import read_sources
@@ -20,11 +20,11 @@ OWN = 'own_msgs/msg/Reading'
 OWN_TEXT = 'std_msgs/Header header\nfloat32 value\n'
 
 
-def streams(path: Path) -> dict[str, Stream]:
+def streams(path: Path) -> dict[str, SensorStream]:
     return {stream.topic: stream for stream in read_sensors(path).streams}
 
 
-def same(one: Stream, other: Stream) -> None:
+def same(one: SensorStream, other: SensorStream) -> None:
     np.testing.assert_array_equal(one.stamps_ns, other.stamps_ns)
     np.testing.assert_array_equal(one.logged_ns, other.logged_ns)
     np.testing.assert_array_equal(one.numbers, other.numbers)

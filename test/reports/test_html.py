@@ -21,12 +21,15 @@ from vio_eval_ros.core.gates import Gate, judge
 from vio_eval_ros.core.rotation import rotate
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.evaluation.recorded import score_run
+from vio_eval_ros.evaluation.result import Input, Result
 from vio_eval_ros.recordings.sources import read_sources
+from vio_eval_ros.rendering.figures import boxes
+from vio_eval_ros.rendering.page import html, tag
+from vio_eval_ros.rendering.text import tum
 from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.html import html_report
-from vio_eval_ros.reports.page import html, tag
 from vio_eval_ros.reports.plots import (
-    boxes,
     Course,
     JUMP_OVER_P95,
     MIN_JUMP_M,
@@ -35,9 +38,6 @@ from vio_eval_ros.reports.plots import (
     segment_samples,
     usual_lengths,
 )
-from vio_eval_ros.reports.result import Input, Result
-from vio_eval_ros.reports.tables import tum
-from vio_eval_ros.scoring.run import score_run
 from vio_eval_ros.simulation import simulate
 
 HOSTILE = '</script><script>hacked=1</script><img src=x onerror="hacked=2">\'"&amp;%{x}\x1b\x00'

@@ -21,12 +21,12 @@ from vio_eval_ros.core.evaluation import running_series
 from vio_eval_ros.core.metrics import position_errors, rotation_errors
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.evaluation.recorded import score_run
+from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.recordings.sources import read_sources, Source
 from vio_eval_ros.reports.documents import json_report
 from vio_eval_ros.reports.mcap import mcap_report
-from vio_eval_ros.reports.result import Result
 from vio_eval_ros.reports.tables import aligned
-from vio_eval_ros.scoring.run import score_run
 from vio_eval_ros.simulation import simulate
 
 NODE = '/vio_evaluator'

@@ -18,10 +18,11 @@ from vio_eval_ros.core.gates import Gate, judge
 from vio_eval_ros.core.statistics import STATISTICS
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError, WriteError
+from vio_eval_ros.evaluation.result import Input, Result
 from vio_eval_ros.recordings.sources import read_sources
-from vio_eval_ros.reports import REPORTS, write
-from vio_eval_ros.reports.result import Input, Result
-from vio_eval_ros.reports.tables import tum
+from vio_eval_ros.rendering.files import write
+from vio_eval_ros.rendering.text import tum
+from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.text import text_report
 from vio_eval_ros.simulation import simulate
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vio_eval_ros.core.trajectory import Trajectory
-from vio_eval_ros.reports.tables import tum
+from vio_eval_ros.rendering.text import tum
 from vio_eval_ros.scoring.scoring import score_suite, SuiteResult
 from vio_eval_ros.scoring.suite import Suite
 

@@ -15,8 +15,9 @@ import pytest
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.gates import Gate
 from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
+from vio_eval_ros.evaluation.recorded import score_run
 from vio_eval_ros.recordings.sources import read_sources
-from vio_eval_ros.reports.tables import tum
+from vio_eval_ros.rendering.text import tum
 from vio_eval_ros.scoring import manifest as manifests
 from vio_eval_ros.scoring import scoring, verification
 from vio_eval_ros.scoring.baseline import Baseline, definition_sha256
@@ -27,7 +28,6 @@ from vio_eval_ros.scoring.manifest import (
     ScoredRun,
     Stack,
 )
-from vio_eval_ros.scoring.run import score_run
 from vio_eval_ros.scoring.scoring import compared, score_suite
 from vio_eval_ros.scoring.suite import Suite
 from vio_eval_ros.scoring.verification import Verification, verify

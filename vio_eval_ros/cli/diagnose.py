@@ -25,7 +25,7 @@ from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings.imu import read_imu
 from vio_eval_ros.recordings.sources import Source, Spec
 from vio_eval_ros.recordings.text import read_text
-from vio_eval_ros.reports.text import number, percent, printable
+from vio_eval_ros.rendering.text import number, percent, printable
 
 VERB = 'diagnose'
 EXAMPLES = """

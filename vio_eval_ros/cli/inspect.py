@@ -23,7 +23,7 @@ from vio_eval_ros.inspection.inspection import inspect
 from vio_eval_ros.recordings.clips import Clips
 from vio_eval_ros.recordings.playback import Playback
 from vio_eval_ros.recordings.sensors import read_sensors
-from vio_eval_ros.reports import write
+from vio_eval_ros.rendering.files import write
 
 VERB = 'inspect'
 EXAMPLES = """

@@ -21,13 +21,13 @@ from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names, running_series
 from vio_eval_ros.core.gates import check_names, Gate
 from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.evaluation.recorded import score_run
+from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.recordings.sources import Source, Spec
 from vio_eval_ros.reports import REPORTS
-from vio_eval_ros.reports.result import Result
 from vio_eval_ros.reports.tables import series_csv
 from vio_eval_ros.reports.text import text_report
 from vio_eval_ros.scoring.manifest import Manifest, ScoredRun, Stack, STACK_KEYS
-from vio_eval_ros.scoring.run import score_run
 from vio_eval_ros.settings import gates_of
 
 SERIES = ('csv',)

@@ -80,7 +80,9 @@ def run(verb: str, main: Callable[[], int]) -> int:
 
 def complain(verb: str, problem: str) -> None:
     """Print one line on stderr, if anybody listens."""
-    from vio_eval_ros.reports.text import printable  # which knows of figures, and so takes a while
+    from vio_eval_ros.rendering.text import (
+        printable,  # which knows of figures, and so takes a while
+    )
 
     try:
         if sys.stderr is not None:

@@ -17,7 +17,7 @@ from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.imu.documents import KALIBR, PARAMETERS
 from vio_eval_ros.imu.simulate import EUROC, ImuNoise, Noise
 from vio_eval_ros.recordings.sources import read_sources
-from vio_eval_ros.reports.text import printable
+from vio_eval_ros.rendering.text import printable
 from vio_eval_ros.settings import finite, parse_yaml
 from vio_eval_ros.simulation import at_rest, Drift, FAULTS, simulate, SimulatedRun
 from vio_eval_ros.simulation.faults import inject, parse_fault, usage

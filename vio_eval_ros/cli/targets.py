@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 from vio_eval_ros.cli.shell import complain
 from vio_eval_ros.errors import ConfigError, VioEvalError
-from vio_eval_ros.reports import write
+from vio_eval_ros.rendering.files import write
 
 
 def add_reports(group: Any, formats: Iterable[str]) -> None:

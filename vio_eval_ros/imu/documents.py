@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from vio_eval_ros import __version__
 from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.imu.allan import CONFIDENCE, interval
 from vio_eval_ros.imu.analysis import Analysis, Axis
 from vio_eval_ros.imu.fit import Fit, NAMES, Parameter
+from vio_eval_ros.version import __version__
 
 SCHEMA = 'vio_eval_ros.imu_noise/1'
 UNIT = {'gyro': 'rad/s', 'accel': 'm/s2'}

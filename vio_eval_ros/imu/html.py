@@ -17,9 +17,8 @@ from vio_eval_ros.imu.documents import (
     record_line,
     UNIT,
 )
-from vio_eval_ros.reports.html import swatch, warnings
-from vio_eval_ros.reports.page import Html, page, plot, table, tag
-from vio_eval_ros.reports.plots import axis, layout
+from vio_eval_ros.rendering.figures import axis, layout
+from vio_eval_ros.rendering.page import Html, page, plot, swatch, table, tag, warnings
 
 COLOURS = {'x': '#d1382c', 'y': '#3b8f3b', 'z': '#3f7fc4'}
 TITLES = {'gyro': 'Gyroscope', 'accel': 'Accelerometer'}

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vio_eval_ros.core.stream import LARGEST
+from vio_eval_ros.core.sensor_stream import LARGEST
 from vio_eval_ros.errors import ReadError
 
 AXES = ('gyro_x', 'gyro_y', 'gyro_z', 'accel_x', 'accel_y', 'accel_z')

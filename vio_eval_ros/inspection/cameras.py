@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from vio_eval_ros.core.stream import Moment, runs, spread, Stream
+from vio_eval_ros.core.sensor_stream import Moment, runs, SensorStream, spread
 from vio_eval_ros.inspection.clocks import (
     fit,
     is_drift,
@@ -58,7 +58,7 @@ class Pair:
 
 
 def pairs(
-    streams: Sequence[Stream], timings: Sequence[Timing]
+    streams: Sequence[SensorStream], timings: Sequence[Timing]
 ) -> tuple[list[Pair], list[Finding]]:
     """Return the pairs of cameras, and what is wrong with each."""
     cameras = [
@@ -84,7 +84,7 @@ def pairs(
     return found, findings
 
 
-def _pair(a: Stream, b: Stream, period_s: float) -> tuple[Pair | None, list[Finding]]:
+def _pair(a: SensorStream, b: SensorStream, period_s: float) -> tuple[Pair | None, list[Finding]]:
     first, second = np.unique(a.times_ns), np.unique(b.times_ns)
     begin, end = max(first[0], second[0]), min(first[-1], second[-1])
     near = round(period_s * 0.5e9)
@@ -156,7 +156,7 @@ def _apart(pair: Pair, *rates_hz: float) -> Finding:
 
 
 def _findings(
-    a: Stream, b: Stream, pair: Pair, alone: Sequence[np.ndarray], drift_s: float
+    a: SensorStream, b: SensorStream, pair: Pair, alone: Sequence[np.ndarray], drift_s: float
 ) -> Iterator[Finding]:
     """Yield what is wrong; ``drift_s`` is for how long the cameras drift apart, 0 if not."""
     topic = f'{a.topic}, {b.topic}'

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vio_eval_ros.core.stream import Moment, runs, spread, Stream
+from vio_eval_ros.core.sensor_stream import Moment, runs, SensorStream, spread
 from vio_eval_ros.inspection.findings import are, Finding
 
 WINDOWS, LEAST_WINDOWS, MESSAGES_A_WINDOW = 64, 16, 8
@@ -70,7 +70,7 @@ class Line(NamedTuple):
     is_straight: bool
 
 
-def clocks(stream: Stream) -> tuple[Clocks | None, list[Finding]]:
+def clocks(stream: SensorStream) -> tuple[Clocks | None, list[Finding]]:
     """Return how the clocks of a stream compare; None where it has but one."""
     if stream.logged_ns is None or stream.stamps_ns is None:
         return None, []
@@ -168,7 +168,7 @@ def is_drift(line: Line, duration_s: float, least_s: float = DRIFT_TOTAL_S) -> b
 
 
 def _step(
-    stream: Stream, order: np.ndarray, lowest: np.ndarray, latencies: np.ndarray
+    stream: SensorStream, order: np.ndarray, lowest: np.ndarray, latencies: np.ndarray
 ) -> Iterator[Finding]:
     """Yield where the latency steps from one level to another, and stays there."""
     assert stream.stamps_ns is not None
@@ -200,11 +200,11 @@ def _step(
     )  # fmt: skip
 
 
-def _moment(stream: Stream, order: np.ndarray, at: int) -> Moment:
+def _moment(stream: SensorStream, order: np.ndarray, at: int) -> Moment:
     return stream.moment(int(order[at]), int(order[at + 1]))
 
 
-def _late(stream: Stream, latencies: np.ndarray) -> Iterator[Finding]:
+def _late(stream: SensorStream, latencies: np.ndarray) -> Iterator[Finding]:
     """Yield what was held up on its way: messages that are late, between others that are not."""
     assert stream.stamps_ns is not None
     late = latencies - np.median(latencies)
@@ -225,7 +225,7 @@ def _late(stream: Stream, latencies: np.ndarray) -> Iterator[Finding]:
         )  # fmt: skip
 
 
-def _findings(stream: Stream, found: Clocks) -> Iterator[Finding]:
+def _findings(stream: SensorStream, found: Clocks) -> Iterator[Finding]:
     duration_s = float(np.ptp(stream.times_ns)) / 1e9
     drift, uncertainty = found.drift_ppm, found.drift_uncertainty_ppm
     if abs(drift) > REPLAYED_PPM:

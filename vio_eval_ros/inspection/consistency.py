@@ -8,7 +8,7 @@ import math
 import numpy as np
 
 from vio_eval_ros.core.rotation import conjugate, from_rotation_vector, multiply, rotate
-from vio_eval_ros.core.stream import Stream
+from vio_eval_ros.core.sensor_stream import SensorStream
 from vio_eval_ros.inspection.findings import Finding
 
 # Specific force is averaged over so long, within which accelerations mostly cancel out
@@ -24,7 +24,7 @@ BLOCKS, LEAST_MEANS, LEAST_PART, CERTAIN, AT_ONCE = 5, 3, 0.125, 5.0, 0.5
 BIAS_RAD_S, BIAS_OF_RATE, TILT_RAD = 0.03, 0.05, 1.0
 
 
-def consistency(stream: Stream, which: np.ndarray, period_s: float) -> Iterator[Finding]:
+def consistency(stream: SensorStream, which: np.ndarray, period_s: float) -> Iterator[Finding]:
     """
     Yield where the gyroscope turns otherwise than gravity does in the accelerometer.
 
@@ -90,7 +90,7 @@ def tilts(blocks: np.ndarray, period_s: float, scale: float = 1.0) -> np.ndarray
 
 
 def _bias_step(
-    stream: Stream, starts: np.ndarray, tilted: np.ndarray, rate: float
+    stream: SensorStream, starts: np.ndarray, tilted: np.ndarray, rate: float
 ) -> Iterator[Finding]:
     """
     Yield where the bias of the gyroscope steps.

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from vio_eval_ros import __version__
 from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.inspection.calibration import Calibration
 from vio_eval_ros.inspection.expectations import Verdict
 from vio_eval_ros.inspection.findings import ALWAYS_INFO, Finding, LEVELS, worst_first
 from vio_eval_ros.inspection.inspection import Examined, Inspection
-from vio_eval_ros.reports.text import number, printable
+from vio_eval_ros.rendering.text import number, printable
+from vio_eval_ros.version import __version__
 
 SCHEMA = 'vio_eval_ros.inspection/1'
 # what stands out is in capitals

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import math
 from typing import Any
 
-from vio_eval_ros.core.stream import Moment
+from vio_eval_ros.core.sensor_stream import Moment
 
 LEVELS = ('info', 'warn', 'fail')
 

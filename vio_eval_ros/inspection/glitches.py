@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vio_eval_ros.core.stream import LARGEST, runs, spread, Stream
+from vio_eval_ros.core.sensor_stream import LARGEST, runs, SensorStream, spread
 from vio_eval_ros.inspection.findings import are, Finding
 
 AXES = ('gyroscope x', 'gyroscope y', 'gyroscope z',
@@ -54,7 +54,7 @@ class Glitches(NamedTuple):
     findings: list[Finding]
 
 
-def glitches(stream: Stream, period_s: float) -> Glitches:
+def glitches(stream: SensorStream, period_s: float) -> Glitches:
     """Return the samples without those that are no measurements, each of which is one fault."""
     assert stream.numbers is not None
     is_finite = stream.is_usable
@@ -85,7 +85,7 @@ def glitches(stream: Stream, period_s: float) -> Glitches:
     )
 
 
-def measures(stream: Stream) -> dict[str, bool]:
+def measures(stream: SensorStream) -> dict[str, bool]:
     """Return whether gyroscope and accelerometer measure anything but zero."""
     assert stream.numbers is not None
     return {
@@ -94,7 +94,7 @@ def measures(stream: Stream) -> dict[str, bool]:
     }
 
 
-def _dead(stream: Stream) -> Iterator[Finding]:
+def _dead(stream: SensorStream) -> Iterator[Finding]:
     """Yield a sensor that is zero throughout, and that messages do not say to be absent."""
     has = measures(stream)
     for name in has:
@@ -108,7 +108,7 @@ def _dead(stream: Stream) -> Iterator[Finding]:
             )  # fmt: skip
 
 
-def _not_finite(stream: Stream, is_finite: np.ndarray) -> Iterator[Finding]:
+def _not_finite(stream: SensorStream, is_finite: np.ndarray) -> Iterator[Finding]:
     if not is_finite.all():
         which = np.flatnonzero(~is_finite)
         yield Finding(
@@ -222,7 +222,7 @@ def _named(axes: slice) -> str:
     return {1: names[0], 3: f'the {names[0].split()[0]}', 6: 'all six axes'}[len(names)]
 
 
-def _stuck_findings(stream: Stream, stuck: list[Stuck]) -> Iterator[Finding]:
+def _stuck_findings(stream: SensorStream, stuck: list[Stuck]) -> Iterator[Finding]:
     for several in (
         *([one] for one in stuck if len(AXES[one[0]]) > 1),
         [one for one in stuck if len(AXES[one[0]]) == 1],
@@ -286,7 +286,9 @@ def _around(values: np.ndarray) -> np.ndarray:
     return np.sort(sides, axis=0)[1:3].mean(axis=0)
 
 
-def _spike_findings(stream: Stream, spikes: np.ndarray, period_s: float) -> Iterator[Finding]:
+def _spike_findings(
+    stream: SensorStream, spikes: np.ndarray, period_s: float
+) -> Iterator[Finding]:
     is_spike = (spikes != 0).any(axis=1)
     if not is_spike.any():
         return
@@ -326,7 +328,7 @@ def _cut_off(values: np.ndarray) -> np.ndarray:
     return is_cut
 
 
-def _saturation(stream: Stream, saturated: np.ndarray) -> Iterator[Finding]:
+def _saturation(stream: SensorStream, saturated: np.ndarray) -> Iterator[Finding]:
     assert stream.numbers is not None
     is_cut = saturated.any(axis=1)
     if not is_cut.any():

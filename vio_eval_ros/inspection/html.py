@@ -13,10 +13,9 @@ import numpy as np
 from vio_eval_ros.inspection.documents import COLUMNS, facts, Report, table_rows, times
 from vio_eval_ros.inspection.findings import Finding
 from vio_eval_ros.inspection.inspection import Examined
-from vio_eval_ros.reports.html import badge, swatch
-from vio_eval_ros.reports.page import Html, joined, page, plot, table, tag
-from vio_eval_ros.reports.plots import AMBER, axis, BLUE, Figure, GREY, layout, numbers, RED
-from vio_eval_ros.reports.text import number, printable
+from vio_eval_ros.rendering.figures import AMBER, axis, BLUE, Figure, GREY, layout, numbers, RED
+from vio_eval_ros.rendering.page import badge, Html, joined, page, plot, swatch, table, tag
+from vio_eval_ros.rendering.text import number, printable
 
 MOST_POINTS = 2000
 MOST_MARKS = 300

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from vio_eval_ros.core.stream import runs, Stream
+from vio_eval_ros.core.sensor_stream import runs, SensorStream
 from vio_eval_ros.inspection.consistency import consistency
 from vio_eval_ros.inspection.findings import Finding
 from vio_eval_ros.inspection.glitches import glitches, STILL_LIMITS
@@ -56,7 +56,7 @@ class Inertial:
     not_finite: int
 
 
-def inertial(stream: Stream, timing: Timing) -> tuple[Inertial | None, list[Finding]]:
+def inertial(stream: SensorStream, timing: Timing) -> tuple[Inertial | None, list[Finding]]:
     """Return the figures of an IMU, and what is wrong with its samples; None of too few."""
     assert stream.numbers is not None
     found = glitches(stream, timing.period_s)
@@ -131,7 +131,7 @@ def upwards(force: np.ndarray) -> tuple[str, float]:
     return '+-'[int(force[axis] < 0)] + 'xyz'[axis], math.degrees(math.acos(cosine))
 
 
-def _physics(stream: Stream, samples: np.ndarray, found: Inertial) -> Iterator[Finding]:
+def _physics(stream: SensorStream, samples: np.ndarray, found: Inertial) -> Iterator[Finding]:
     force = float(np.median(np.linalg.norm(samples[:, 3:], axis=1)))
     rate = float(np.median(np.linalg.norm(samples[:, :3], axis=1)))
     topic = stream.topic

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from vio_eval_ros.core.stream import Stream
+from vio_eval_ros.core.sensor_stream import SensorStream
 from vio_eval_ros.inspection.cameras import Pair, pairs
 from vio_eval_ros.inspection.clocks import Clocks, clocks, REPLAYED_PPM
 from vio_eval_ros.inspection.findings import Finding, worst_first
@@ -30,7 +30,7 @@ SAMPLES_A_FRAME = 5.0
 class Examined:
     """A stream with its figures; those that its type does not have are None."""
 
-    stream: Stream
+    stream: SensorStream
     timing: Timing
     clocks: Clocks | None = None
     inertial: Inertial | None = None
@@ -55,7 +55,7 @@ class Inspection:
     """
 
     streams: list[Examined]
-    silent: list[Stream]
+    silent: list[SensorStream]
     pairs: list[Pair]
     findings: list[Finding]
     common_ns: tuple[int, int] | None
@@ -67,7 +67,7 @@ class Inspection:
         return min(int(one.stream.arrivals_ns.min()) for one in self.streams)
 
 
-def inspect(streams: Sequence[Stream], left_out: Sequence[str] = ()) -> Inspection:
+def inspect(streams: Sequence[SensorStream], left_out: Sequence[str] = ()) -> Inspection:
     """
     Return what can be said of the streams of a recording.
 
@@ -91,12 +91,12 @@ def inspect(streams: Sequence[Stream], left_out: Sequence[str] = ()) -> Inspecti
     return Inspection(examined, silent, together, worst_first(findings), common, ratio)
 
 
-def _silent(stream: Stream) -> Finding:
+def _silent(stream: SensorStream) -> Finding:
     level = 'fail' if stream.is_sensor else 'warn' if stream.kind == 'pose' else 'info'
     return Finding('silent', stream.topic, level, 'the topic was recorded, but has no messages', 0)
 
 
-def _parts(streams: Iterable[Stream]) -> list[Stream]:
+def _parts(streams: Iterable[SensorStream]) -> list[SensorStream]:
     """Return the streams; where IMUs have a topic for each of their sensors, these lack others."""
     known = list(streams)
     zero = {
@@ -109,7 +109,7 @@ def _parts(streams: Iterable[Stream]) -> list[Stream]:
     return [replace(one, lacks=zero.get(one.topic, ())) for one in known]
 
 
-def _examine(stream: Stream) -> tuple[Examined, list[Finding]]:
+def _examine(stream: SensorStream) -> tuple[Examined, list[Finding]]:
     """Return the figures of a stream, and what is wrong with it alone."""
     findings = list(_headers(stream))
     stream, found = corrected(stream.stamped())
@@ -200,7 +200,7 @@ def _common(sensors: Sequence[Examined]) -> tuple[int, int] | None:
     return (first_ns, last_ns) if first_ns <= last_ns else None
 
 
-def _headers(stream: Stream) -> Iterator[Finding]:
+def _headers(stream: SensorStream) -> Iterator[Finding]:
     """Yield what is wrong with the headers of a stream, but for the times in them."""
     level = 'info' if stream.kind == 'other' else 'warn'
     if len(stream.frames) > 1:

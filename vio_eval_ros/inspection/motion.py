@@ -10,7 +10,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from vio_eval_ros.core import rotation
-from vio_eval_ros.core.stream import runs, spread, Stream
+from vio_eval_ros.core.sensor_stream import runs, SensorStream, spread
 from vio_eval_ros.inspection.findings import are, Finding
 from vio_eval_ros.inspection.timing import Timing
 
@@ -44,7 +44,7 @@ class Motion:
     not_finite: int
 
 
-def motion(stream: Stream, timing: Timing) -> tuple[Motion | None, list[Finding]]:
+def motion(stream: SensorStream, timing: Timing) -> tuple[Motion | None, list[Finding]]:
     """Return the figures of a stream of poses, and what is wrong with them; None of too few."""
     numbers = stream.numbers
     assert numbers is not None
@@ -101,7 +101,7 @@ def _frozen(poses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return begins[long], ends[long] + 1
 
 
-def _numbers(stream: Stream, is_good: np.ndarray) -> Iterator[Finding]:
+def _numbers(stream: SensorStream, is_good: np.ndarray) -> Iterator[Finding]:
     numbers = stream.numbers
     assert numbers is not None
     if not is_good.all():
@@ -122,7 +122,7 @@ def _numbers(stream: Stream, is_good: np.ndarray) -> Iterator[Finding]:
 
 
 def _jump(
-    stream: Stream, order: np.ndarray, steps: np.ndarray, jumps: np.ndarray, unit: str
+    stream: SensorStream, order: np.ndarray, steps: np.ndarray, jumps: np.ndarray, unit: str
 ) -> Iterator[Finding]:
     if len(jumps):
         largest = float(steps[jumps].max())
@@ -135,7 +135,11 @@ def _jump(
 
 
 def _frozen_finding(
-    stream: Stream, order: np.ndarray, steps: np.ndarray, begins: np.ndarray, ends: np.ndarray
+    stream: SensorStream,
+    order: np.ndarray,
+    steps: np.ndarray,
+    begins: np.ndarray,
+    ends: np.ndarray,
 ) -> Iterator[Finding]:
     """Yield the runs of equal poses: frozen where the motion went on behind them, else at rest."""
     if not len(begins):
@@ -163,7 +167,7 @@ def _frozen_finding(
             )  # fmt: skip
 
 
-def _speeds(stream: Stream, found: Motion) -> Iterator[Finding]:
+def _speeds(stream: SensorStream, found: Motion) -> Iterator[Finding]:
     figures = (
         (found.speed_p99_m_s, FASTEST_M_S, 'm/s'),
         (found.rotation_p99_rad_s, FASTEST_RAD_S, 'rad/s'),

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from vio_eval_ros.core.stream import lower_median, Stream
+from vio_eval_ros.core.sensor_stream import lower_median, SensorStream
 from vio_eval_ros.inspection.findings import are, Finding
 from vio_eval_ros.inspection.timing import ALIKE, HALF, longest, NEAR
 
@@ -14,7 +14,7 @@ from vio_eval_ros.inspection.timing import ALIKE, HALF, longest, NEAR
 OFTEN = 0.01
 
 
-def corrected(stream: Stream) -> tuple[Stream, list[Finding]]:
+def corrected(stream: SensorStream) -> tuple[SensorStream, list[Finding]]:
     """
     Return a stream with wrong stamps as they should be, and that they were wrong.
 

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from vio_eval_ros.core.stream import lower_median, Moment, spread, Stream
+from vio_eval_ros.core.sensor_stream import lower_median, Moment, SensorStream, spread
 from vio_eval_ros.inspection.findings import are, Finding
 
 # An interval that is longer than a period by this much of it misses a message ...
@@ -74,7 +74,7 @@ class Timing:
         return (self.last_ns - self.first_ns) / 1e9
 
 
-def timing(stream: Stream, step: Moment | None = None) -> tuple[Timing, list[Finding]]:
+def timing(stream: SensorStream, step: Moment | None = None) -> tuple[Timing, list[Finding]]:
     """
     Return the figures of a stream, and what is wrong with its stamps.
 
@@ -187,7 +187,7 @@ def _rate(periods: np.ndarray, numbers: np.ndarray) -> tuple[float, float]:
 
 
 def _order(
-    stream: Stream, figures: Timing, backward: np.ndarray, repeated: np.ndarray
+    stream: SensorStream, figures: Timing, backward: np.ndarray, repeated: np.ndarray
 ) -> Iterator[Finding]:
     """Yield what is earlier than the one before; (2, D) ``repeated`` are ones and their copies."""
     if stream.stamps_ns is None:
@@ -218,7 +218,7 @@ def _order(
 
 
 def _lost(
-    stream: Stream,
+    stream: SensorStream,
     figures: Timing,
     order: np.ndarray,
     which: np.ndarray,
@@ -247,14 +247,14 @@ def _lost(
     )  # fmt: skip
 
 
-def _level(stream: Stream, figures: Timing) -> str:
+def _level(stream: SensorStream, figures: Timing) -> str:
     """Return how bad it is where a stream is not as regular as it is otherwise."""
     is_due = stream.is_sensor or (stream.kind == 'pose' and figures.is_regular)
     return 'warn' if is_due else 'info'
 
 
 def _jitter(
-    stream: Stream, figures: Timing, order: np.ndarray, whole: np.ndarray
+    stream: SensorStream, figures: Timing, order: np.ndarray, whole: np.ndarray
 ) -> Iterator[Finding]:
     period = figures.period_s
     periods_ns = np.diff(stream.times_ns[order])
@@ -279,11 +279,11 @@ def _jitter(
     )  # fmt: skip
 
 
-def _once(stream: Stream, order: np.ndarray, k: int) -> tuple[Moment, ...]:
+def _once(stream: SensorStream, order: np.ndarray, k: int) -> tuple[Moment, ...]:
     return (stream.moment(int(order[k]), int(order[k + 1])),)
 
 
-def _at_arrival(stream: Stream, order: np.ndarray, whole: np.ndarray) -> str:
+def _at_arrival(stream: SensorStream, order: np.ndarray, whole: np.ndarray) -> str:
     """Return whether the stamps are off in just the way in which the messages are recorded."""
     if stream.logged_ns is None or whole.sum() < 10:
         return ''

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vio_eval_ros.core.stream import Stream
+from vio_eval_ros.core.sensor_stream import SensorStream
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.asl import Sensor, sensors_in, table
 from vio_eval_ros.recordings.bags import BLOCK_BYTES, Decoder, Recording
@@ -43,7 +43,7 @@ class Sensors(NamedTuple):
     :param left_out: a sentence for each topic that cannot be read.
     """
 
-    streams: list[Stream]
+    streams: list[SensorStream]
     left_out: list[str]
 
 
@@ -70,12 +70,12 @@ def read_sensors(path: Path, progress: Progress = silent) -> Sensors:
     return found
 
 
-def _of_folder(folder: Path, sensor: Sensor) -> Stream:
+def _of_folder(folder: Path, sensor: Sensor) -> SensorStream:
     """Return a stream of an ASL folder, which does not say when messages were recorded."""
     stamps_ns, numbers = table(folder, sensor)
     frames = {sensor.frame: len(stamps_ns)}
     kind = _kind(sensor.msgtype, numbers is not None)
-    return Stream(sensor.topic, sensor.msgtype, kind, None, stamps_ns, frames, numbers)
+    return SensorStream(sensor.topic, sensor.msgtype, kind, None, stamps_ns, frames, numbers)
 
 
 def _kind(msgtype: str, has_numbers: bool) -> str:
@@ -157,11 +157,11 @@ class _Collector:
             if self._bytes > BLOCK_BYTES:
                 self._decode()
 
-    def stream(self) -> Stream:
+    def stream(self) -> SensorStream:
         """Return all messages, in the order in which they were written."""
         self._decode()
         width = IMU_NUMBERS if self._decoder.msgtype == IMU else POSE_NUMBERS
-        return Stream(
+        return SensorStream(
             self._topic,
             self._decoder.msgtype,
             _kind(self._decoder.msgtype, self._has_numbers),

@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 import math
-import re
 
 from vio_eval_ros.core.statistics import STATISTICS
-from vio_eval_ros.reports.result import Result
-from vio_eval_ros.reports.text import number, percent, printable, rows
+from vio_eval_ros.evaluation.result import Result
+from vio_eval_ros.rendering.text import escaped, number, percent, printable
+from vio_eval_ros.reports.text import rows
 
-#: what makes a link of bare text
-LINK = re.compile(r':(?=//)|(?<=www)\.', re.IGNORECASE)
 MARKS = {'pass': 'pass', 'warn': '⚠ warn', 'fail': '**fail**'}
 
 
@@ -108,9 +106,3 @@ def markdown_report(result: Result) -> str:
     ]
     lines += [''] + [f'- ⚠ {escaped(warning)}' for warning in result.summary.warnings]
     return '\n'.join(lines).rstrip() + '\n'
-
-
-def escaped(text: str) -> str:
-    """Return text without anything that Markdown or HTML would take as its own."""
-    text = ''.join(f'\\{c}' if c in '\\`*_[]<>&|#~$@' else c for c in printable(text))
-    return LINK.sub(r'\\\g<0>', text)

@@ -7,24 +7,34 @@ import math
 
 from vio_eval_ros.core.gates import Verdict
 from vio_eval_ros.core.statistics import STATISTICS
-from vio_eval_ros.reports.page import Html, joined, page, plot, table, tag
+from vio_eval_ros.evaluation.result import Input, Result
+from vio_eval_ros.rendering.figures import boxes, GREY, RED
+from vio_eval_ros.rendering.page import (
+    badge,
+    Html,
+    joined,
+    page,
+    plot,
+    swatch,
+    table,
+    tag,
+    tiles,
+    warnings,
+)
+from vio_eval_ros.rendering.text import number, percent
 from vio_eval_ros.reports.plots import (
-    boxes,
     Course,
     errors_over_time,
     GAP,
-    GREY,
     MOST_POINTS,
     path_3d,
     path_from_above,
     RAMP,
-    RED,
     relative_samples,
     segment_samples,
     usual_lengths,
 )
-from vio_eval_ros.reports.result import Input, Result
-from vio_eval_ros.reports.text import number, percent, rows
+from vio_eval_ros.reports.text import rows
 
 WORDS = {'pass': 'pass', 'warn': 'warning', 'fail': 'fail'}
 
@@ -44,29 +54,6 @@ def html_report(result: Result) -> str:
         *_counts(result),
         options(result),
     )
-
-
-def badge(word: str, text: str) -> Html:
-    """Return a verdict in its colour: pass, warn, fail or none."""
-    return tag('span', text, class_=f'badge {word}')
-
-
-def tiles(headlines: Iterable[tuple[str, str, str]]) -> Html:
-    """Return the few figures that one wants to see first: name, value, and what it is of."""
-    return tag(
-        'div',
-        *(
-            tag('div', tag('small', name), tag('b', value), tag('small', of), class_='tile')
-            for name, value, of in headlines
-        ),
-        class_='tiles',
-    )
-
-
-def warnings(sentences: Iterable[str], word: str = 'warn') -> Html:
-    """Return what one should know before trusting a figure; nothing where there is nothing."""
-    items = [tag('li', sentence) for sentence in sentences]
-    return tag('ul', *items, class_=f'notes {word}') if items else Html()
 
 
 def course(result: Result, most_points: int = MOST_POINTS) -> Html:
@@ -126,11 +113,6 @@ def _marks(run: Course) -> Iterator[object]:
             f'more than {number(run.least_jump)} m), the largest of {number(size)} m at '
             f'{run.seconds[k]:.1f} s.'
         )
-
-
-def swatch(colour: str) -> Html:
-    """Return a patch of a colour, for a legend."""
-    return tag('span', class_='swatch', style=f'background:{colour}')
 
 
 def _count(count: int, noun: str) -> str:

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 
-from vio_eval_ros import __version__
 from vio_eval_ros.core.metrics import position_errors, rotation_errors
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.reports.documents import json_report
-from vio_eval_ros.reports.result import Result
 from vio_eval_ros.reports.tables import aligned
+from vio_eval_ros.version import __version__
 
 NODE = '/vio_evaluator'
 FRAME = 'world'

@@ -11,8 +11,9 @@ from vio_eval_ros.core.metrics import position_errors, rotation_errors
 from vio_eval_ros.core.statistics import STATISTICS
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.reports.result import Result
-from vio_eval_ros.reports.text import number, rows
+from vio_eval_ros.evaluation.result import Result
+from vio_eval_ros.rendering.text import formatted, number, tum
+from vio_eval_ros.reports.text import rows
 
 
 def csv_report(result: Result) -> str:
@@ -64,24 +65,6 @@ def aligned(result: Result) -> Trajectory:
     return trajectory
 
 
-def tum(trajectory: Trajectory) -> str:
-    """
-    Return a trajectory as a TUM file: seconds, x y z, qx qy qz qw with 9 decimals.
-
-    :raises ConfigError: for a trajectory without orientations, which the format cannot hold.
-    """
-    if trajectory.rotations is None:
-        raise ConfigError('a TUM file needs orientations, and there are none; use a csv report')
-    seconds, rest = np.divmod(np.abs(trajectory.stamps_ns), 10**9)
-    table = np.empty((len(trajectory), 10), object)
-    table[:, 0] = np.where(trajectory.stamps_ns < 0, '-', '')
-    table[:, 1], table[:, 2] = seconds, rest
-    table[:, 3:6], table[:, 6:] = trajectory.positions, trajectory.rotations
-    return '# timestamp tx ty tz qx qy qz qw\n' + formatted(
-        table, '%s%d.%09d %.9f %.9f %.9f %.9f %.9f %.9f %.9f'
-    )
-
-
 def series_csv(rows: Iterable[tuple[int, Mapping[str, float]]]) -> str:
     """Return stamp and running values as CSV, a line for each row; what is unknown is empty."""
     lines: list[str] = []
@@ -91,8 +74,3 @@ def series_csv(rows: Iterable[tuple[int, Mapping[str, float]]]) -> str:
         numbers = ('' if math.isnan(value) else repr(value) for value in values.values())
         lines.append(','.join([str(stamp_ns), *numbers]))
     return '\n'.join(lines) + '\n'
-
-
-def formatted(table: np.ndarray, row: str) -> str:
-    """Return a line for each row of an (N, C) table, formatted in one go."""
-    return (row + '\n') * len(table) % tuple(table.ravel().tolist())

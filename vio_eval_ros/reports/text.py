@@ -7,7 +7,8 @@ import math
 
 from vio_eval_ros.core.metrics import RPE_KINDS
 from vio_eval_ros.core.statistics import STATISTICS
-from vio_eval_ros.reports.result import Input, Result
+from vio_eval_ros.evaluation.result import Input, Result
+from vio_eval_ros.rendering.text import number, percent, printable
 
 RPE_LABELS = {
     'trans': 'position',
@@ -112,21 +113,6 @@ def _drift(metrics: Mapping[str, float]) -> Iterator[str]:
             f'NEES: position {number(metrics["nees_position_mean"])}, orientation '
             f'{number(metrics["nees_orientation_mean"])} (3 is consistent)'
         )
-
-
-def number(value: float) -> str:
-    """Return a number with four significant digits, a dash for none."""
-    return '-' if math.isnan(value) else f'{value:.4g}'
-
-
-def percent(ratio: float) -> str:
-    """Return a ratio in percent, a dash for none."""
-    return '-' if math.isnan(ratio) else f'{100 * ratio:.1f} %'
-
-
-def printable(text: str) -> str:
-    """Return text that cannot move a terminal's cursor, whatever names it contains."""
-    return ''.join(c if c.isprintable() else '?' for c in text)
 
 
 def _described(one: Input) -> str:

@@ -23,13 +23,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vio_eval_ros import __version__
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.trajectory import LARGEST, Trajectory
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.settings import finite
+from vio_eval_ros.version import __version__
 
 SCHEMA = 'vio_eval_ros.baseline/1'
 MAX_BYTES = 1 << 26

@@ -6,11 +6,21 @@ from collections.abc import Iterable, Iterator
 from itertools import compress
 import math
 
-from vio_eval_ros.reports.html import badge, course, gate_rows, options, tiles, warnings
-from vio_eval_ros.reports.page import Html, joined, page, plot, table, tag
-from vio_eval_ros.reports.plots import AMBER, BLUE, GREY, RED
-from vio_eval_ros.reports.result import Result
-from vio_eval_ros.reports.text import number, percent
+from vio_eval_ros.evaluation.result import Result
+from vio_eval_ros.rendering.figures import AMBER, BLUE, GREY, RED
+from vio_eval_ros.rendering.page import (
+    badge,
+    Html,
+    joined,
+    page,
+    plot,
+    table,
+    tag,
+    tiles,
+    warnings,
+)
+from vio_eval_ros.rendering.text import number, percent
+from vio_eval_ros.reports.html import course, gate_rows, options
 from vio_eval_ros.scoring.baseline import Comparison
 from vio_eval_ros.scoring.plots import marks, strips
 from vio_eval_ros.scoring.scoring import RunResult, SequenceResult, SuiteResult

@@ -15,13 +15,13 @@ from typing import Any, NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
-from vio_eval_ros import __version__
 from vio_eval_ros.core.config import EvaluationConfig, nearest_name
 from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.errors import ConfigError, ReadError
+from vio_eval_ros.evaluation.recorded import sha256
+from vio_eval_ros.evaluation.result import Input, Result
 from vio_eval_ros.recordings.sources import Spec
-from vio_eval_ros.reports.result import Input, Result
-from vio_eval_ros.scoring.run import sha256
+from vio_eval_ros.version import __version__
 
 if TYPE_CHECKING:
     from vio_eval_ros.scoring.scoring import SequenceResult, SuiteResult

@@ -7,8 +7,8 @@ from html import escape
 import math
 from typing import NamedTuple
 
-from vio_eval_ros.reports.plots import AMBER, axis, BLUE, Figure, GREY, layout, RED
-from vio_eval_ros.reports.text import number, printable
+from vio_eval_ros.rendering.figures import AMBER, axis, BLUE, Figure, GREY, layout, RED
+from vio_eval_ros.rendering.text import number, printable
 from vio_eval_ros.scoring.scoring import SequenceResult
 
 MOST_LETTERS = 20

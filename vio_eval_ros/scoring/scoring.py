@@ -14,12 +14,12 @@ import signal
 from typing import Any
 import warnings
 
-from vio_eval_ros import __version__
 from vio_eval_ros.core.gates import judge, Verdict
 from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.errors import ReadError, VioEvalError
+from vio_eval_ros.evaluation.recorded import score_run
+from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.recordings.sources import read_sources, Source
-from vio_eval_ros.reports.result import Result
 from vio_eval_ros.scoring.baseline import (
     Baseline,
     compare,
@@ -28,8 +28,8 @@ from vio_eval_ros.scoring.baseline import (
     Recorded,
     Rule,
 )
-from vio_eval_ros.scoring.run import score_run
 from vio_eval_ros.scoring.suite import Run, RunsGate, Sequence, SUCCESS_RATE, Suite
+from vio_eval_ros.version import __version__
 
 SCHEMA = 'vio_eval_ros.suite/1'
 BAND_METRIC = 'ate_se3_trans_rmse_m'

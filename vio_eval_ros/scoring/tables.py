@@ -8,7 +8,7 @@ import math
 
 from vio_eval_ros.core.gates import Verdict
 from vio_eval_ros.recordings.sources import Spec
-from vio_eval_ros.reports.text import number, percent
+from vio_eval_ros.rendering.text import number, percent
 from vio_eval_ros.scoring.baseline import Comparison
 from vio_eval_ros.scoring.scoring import SequenceResult, SuiteResult
 from vio_eval_ros.scoring.suite import RunsGate, SUCCESS_RATE

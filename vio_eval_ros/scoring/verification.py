@@ -14,21 +14,21 @@ import math
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn, TypeVar
 
-from vio_eval_ros import __version__
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.core.gates import check_names, Gate, LIMITS, SEVERITIES
 from vio_eval_ros.core.trajectory import LARGEST
 from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
+from vio_eval_ros.evaluation.recorded import score_run, sha256
+from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.sources import read_sources, Spec
-from vio_eval_ros.reports.result import Result
 from vio_eval_ros.scoring.baseline import damage, Rule
 from vio_eval_ros.scoring.manifest import judged, machine, MAX_BYTES, SCHEMA
-from vio_eval_ros.scoring.run import score_run, sha256
 from vio_eval_ros.scoring.scoring import RunResult, score_suite, SequenceResult
 from vio_eval_ros.scoring.suite import DEFAULT_GATES, OVER, Run, RunsGate, Sequence, Suite
 from vio_eval_ros.settings import finite
+from vio_eval_ros.version import __version__
 
 #: parts of a result that are compared; the others say how it was made, or have paths in them
 COMPARED = ('config', 'inputs', 'verdict', 'gates', 'metrics', 'association', 'alignment')

@@ -26,7 +26,7 @@ class Moment(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Stream:
+class SensorStream:
     """
     The messages of a topic, in the order in which they were written.
 
@@ -87,7 +87,7 @@ class Stream:
             known[0] = later[0] <= SOON * lower_median(np.abs(np.diff(later)))
         return known
 
-    def stamped(self) -> Stream:
+    def stamped(self) -> SensorStream:
         """Return the messages that have a stamp; all, without stamps, where none has one."""
         if self.stamps_ns is None:
             return self

@@ -34,19 +34,20 @@ from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.evaluation import Evaluation, metric_names
 from vio_eval_ros.core.gates import check_names
 from vio_eval_ros.errors import ConfigError, VioEvalError, WriteError
-from vio_eval_ros.nodes.display import Display
-from vio_eval_ros.nodes.joining import join
-from vio_eval_ros.nodes.live import LiveRun
-from vio_eval_ros.nodes.options import NodeConfig
-from vio_eval_ros.nodes.parameters import changed, declare, refuse_unknown
-from vio_eval_ros.nodes.reporting import Reporter
-from vio_eval_ros.nodes.runs import LAG_S, why_the_run_ends
-from vio_eval_ros.nodes.status import found_wrong, status_messages, why_no_pairs
-from vio_eval_ros.nodes.stream import Stream
+from vio_eval_ros.evaluation.result import Result
+from vio_eval_ros.live.options import NodeConfig
+from vio_eval_ros.live.queues import LAG_S, why_the_run_ends
+from vio_eval_ros.live.report_folder import Reporter
+from vio_eval_ros.live.run import LiveRun
 from vio_eval_ros.recordings.sources import read_sources
+from vio_eval_ros.rendering.text import number
 from vio_eval_ros.reports import REPORTS
-from vio_eval_ros.reports.result import Result
-from vio_eval_ros.reports.text import headline, number, WORDS
+from vio_eval_ros.reports.text import headline, WORDS
+from vio_eval_ros.ros.context import join
+from vio_eval_ros.ros.markers import Display
+from vio_eval_ros.ros.parameters import changed, declare, refuse_unknown
+from vio_eval_ros.ros.pose_topic import PoseTopic
+from vio_eval_ros.ros.status import found_wrong, status_messages, why_no_pairs
 from vio_eval_ros.settings import gates_of
 
 DRAIN_S = 0.05
@@ -69,8 +70,8 @@ class Evaluator(Node):
             self.gates = gates_of(Path(gates)) if gates else []
         with _naming('ground_truth_file'):
             self.truth = read_sources([file])[0] if file else None
-        self.estimate = Stream(self, 'estimate', self.settings.estimate_type)
-        truth = Stream(self, 'ground_truth', '' if file else self.settings.ground_truth_type)
+        self.estimate = PoseTopic(self, 'estimate', self.settings.estimate_type)
+        truth = PoseTopic(self, 'ground_truth', '' if file else self.settings.ground_truth_type)
         self.streams = [self.estimate] if file else [self.estimate, truth]
         refuse_unknown(self)
         if len({stream.topic for stream in self.streams}) < len(self.streams):

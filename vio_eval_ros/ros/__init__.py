@@ -1,4 +1,4 @@
-"""The live side: nodes in ROS 2."""
+"""Nodes in ROS 2: the only modules that import rclpy."""
 
 from vio_eval_ros.errors import VioEvalError
 

@@ -7,7 +7,7 @@ from html import escape
 from typing import Any
 
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.reports.text import printable
+from vio_eval_ros.rendering.text import printable
 
 STYLE = """
 :root { color-scheme: light dark; --ink: #1f242b; --soft: #5d6671; --line: #e1e5ea;
@@ -258,3 +258,31 @@ def _source(script: str) -> str:
     from hashlib import sha256
 
     return f"'sha256-{b64encode(sha256(script.encode()).digest()).decode()}'"
+
+
+def badge(word: str, text: str) -> Html:
+    """Return a verdict in its colour: pass, warn, fail or none."""
+    return tag('span', text, class_=f'badge {word}')
+
+
+def tiles(headlines: Iterable[tuple[str, str, str]]) -> Html:
+    """Return the few figures that one wants to see first: name, value, and what it is of."""
+    return tag(
+        'div',
+        *(
+            tag('div', tag('small', name), tag('b', value), tag('small', of), class_='tile')
+            for name, value, of in headlines
+        ),
+        class_='tiles',
+    )
+
+
+def warnings(sentences: Iterable[str], word: str = 'warn') -> Html:
+    """Return what one should know before trusting a figure; nothing where there is nothing."""
+    items = [tag('li', sentence) for sentence in sentences]
+    return tag('ul', *items, class_=f'notes {word}') if items else Html()
+
+
+def swatch(colour: str) -> Html:
+    """Return a patch of a colour, for a legend."""
+    return tag('span', class_='swatch', style=f'background:{colour}')

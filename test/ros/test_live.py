@@ -10,7 +10,7 @@ from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation, running_series
 from vio_eval_ros.core.gates import Gate
 from vio_eval_ros.errors import WriteError
-from vio_eval_ros.nodes.live import LiveRun
+from vio_eval_ros.live.run import LiveRun
 from vio_eval_ros.recordings.messages import PathRevisions
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.simulation import simulate

@@ -377,7 +377,7 @@ def test_a_domain_that_there_is_not_is_one_line(start, environment, verb, domain
     'msgtype', ['String', '/msg/X', 'std_msgs/msg/_string', 'std_msgs/msg/__name__', 'a b/msg/C']
 )
 def test_what_is_no_name_of_a_message_is_none(msgtype):
-    from vio_eval_ros.nodes.player import message_class
+    from vio_eval_ros.ros.player import message_class
 
     assert message_class(msgtype) is None
     assert message_class('std_msgs/msg/String') is not None

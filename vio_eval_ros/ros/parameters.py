@@ -19,7 +19,7 @@ from rclpy.subscription import Subscription
 
 from vio_eval_ros.core.config import EvaluationConfig, nearest_name, Options
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.nodes.options import NodeConfig, SETTABLE
+from vio_eval_ros.live.options import NodeConfig, SETTABLE
 
 LARGEST_INTEGER = (1 << 63) - 1
 DEEPEST = 1_000_000

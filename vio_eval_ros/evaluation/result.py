@@ -7,13 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from vio_eval_ros import __version__
 from vio_eval_ros.core.association import Stream
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Summary
 from vio_eval_ros.core.gates import Gate, judge, Verdict
 from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.core.trajectory import Trajectory
+from vio_eval_ros.version import __version__
 
 SCHEMA = 'vio_eval_ros.result/1'
 #: what a run must keep to be a success: it covers enough, and did not diverge

@@ -15,7 +15,7 @@ from typing import Any, TYPE_CHECKING
 
 from vio_eval_ros.cli.shell import Parser, PASSED, run
 from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
-from vio_eval_ros.nodes import without_ros
+from vio_eval_ros.ros import without_ros
 from vio_eval_ros.settings import finite
 
 if TYPE_CHECKING:
@@ -125,8 +125,8 @@ def _publish(playback: Playback, options: argparse.Namespace, ros_arguments: lis
     end_ns = start_ns + round(length_s * 1e9)
 
     try:
-        from vio_eval_ros.nodes.player import message_class, Publication, running
         from vio_eval_ros.recordings.playback import Offer
+        from vio_eval_ros.ros.player import message_class, Publication, running
     except ImportError as error:
         raise without_ros(error) from None
     publications = []
@@ -231,7 +231,7 @@ def _say(line: str) -> None:
     """Tell the user, if anybody listens; playing goes on if not."""
     if sys.stderr is None:
         return
-    from vio_eval_ros.reports.text import printable
+    from vio_eval_ros.rendering.text import printable
 
     try:
         if sys.stderr.isatty():

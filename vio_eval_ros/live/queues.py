@@ -13,7 +13,7 @@ from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.recordings.messages import PathRevisions
 
 if TYPE_CHECKING:
-    from vio_eval_ros.nodes.stream import Stream
+    from vio_eval_ros.ros.pose_topic import PoseTopic
 
 JUMP_BACK_NS = 1_000_000_000
 JUMP_AHEAD_NS = 60_000_000_000
@@ -219,7 +219,7 @@ def next_jump(stamps_ns: np.ndarray, newest_ns: int) -> tuple[int, bool]:
     return int(begins[-1]) if behind[-1] else len(stamps_ns), False
 
 
-def why_the_run_ends(streams: Sequence[Stream], now_s: float, at_once: bool = False) -> str:
+def why_the_run_ends(streams: Sequence[PoseTopic], now_s: float, at_once: bool = False) -> str:
     """
     Return which jump back in time ends the run of these streams, if any.
 

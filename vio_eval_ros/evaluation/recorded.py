@@ -13,8 +13,8 @@ from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.gates import Gate, judge
 from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.errors import NoPairs
+from vio_eval_ros.evaluation.result import Input, Result
 from vio_eval_ros.recordings.sources import Source
-from vio_eval_ros.reports.result import Input, Result
 
 #: poses of the ground truth that are kept to draw it
 MOST_OUTLINED = 2000

@@ -27,10 +27,10 @@ from rclpy.serialization import deserialize_message
 
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.nodes.parameters import override_quality
-from vio_eval_ros.nodes.runs import PathQueue, RunQueue
+from vio_eval_ros.live.queues import PathQueue, RunQueue
 from vio_eval_ros.recordings import cdr
 from vio_eval_ros.recordings.messages import collect, CONVERTERS, PATH, PathRevisions, poses
+from vio_eval_ros.ros.parameters import override_quality
 
 # more than any sensor sends between two looks
 DEPTH = 20_000
@@ -60,7 +60,7 @@ class Polled(CallbackGroup):
         """Do nothing."""
 
 
-class Stream:
+class PoseTopic:
     """
     One of the two inputs.
 

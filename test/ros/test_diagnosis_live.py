@@ -12,8 +12,8 @@ from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.trajectory import Pairs, Trajectory
 from vio_eval_ros.diagnosis.diagnosis import diagnose
-from vio_eval_ros.nodes import diagnosing as module
-from vio_eval_ros.nodes.diagnosing import Diagnosing, sample
+from vio_eval_ros.live import monitor as module
+from vio_eval_ros.live.monitor import Diagnosing, sample
 from vio_eval_ros.simulation import simulate
 
 RUN = simulate(duration_s=40.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from vio_eval_ros.core.trajectory import Poses
-from vio_eval_ros.nodes.runs import (
+from vio_eval_ros.live.queues import (
     LAG_S,
     MIN_JUMPED,
     MOST_WAITING,

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from vio_eval_ros.errors import VioEvalError, WriteError
-from vio_eval_ros.nodes.live import LiveRun, make_writable, remove_report
-from vio_eval_ros.reports.result import Result
+from vio_eval_ros.evaluation.result import Result
+from vio_eval_ros.live.run import LiveRun, make_writable, remove_report
 
 
 class Reporter:

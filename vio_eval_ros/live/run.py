@@ -21,12 +21,14 @@ from vio_eval_ros.core.evaluation import Evaluation, MOST_WAITING, RunningSeries
 from vio_eval_ros.core.gates import Gate, judge
 from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.errors import ReadError, WriteError
-from vio_eval_ros.nodes.diagnosing import Diagnosing
+from vio_eval_ros.evaluation.result import Input, Result
+from vio_eval_ros.live.monitor import Diagnosing
 from vio_eval_ros.recordings.messages import PathRevisions
 from vio_eval_ros.recordings.sources import Source
-from vio_eval_ros.reports import REPORTS, write_all
-from vio_eval_ros.reports.result import Input, Result
-from vio_eval_ros.reports.tables import series_csv, tum
+from vio_eval_ros.rendering.files import write_all
+from vio_eval_ros.rendering.text import tum
+from vio_eval_ros.reports import REPORTS
+from vio_eval_ros.reports.tables import series_csv
 
 MIN_JUMP_M = 0.5
 REPORT_FILES = {'json': 'result.json', 'markdown': 'result.md', 'csv': 'errors.csv'}

@@ -11,13 +11,13 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from vio_eval_ros.core.gates import judge, SEVERITIES
 from vio_eval_ros.core.trajectory import Pairs
 from vio_eval_ros.diagnosis.diagnosis import Cause
-from vio_eval_ros.nodes.diagnosing import Diagnosing
+from vio_eval_ros.live.monitor import Diagnosing
 from vio_eval_ros.recordings.messages import CONVERTERS
-from vio_eval_ros.reports.text import number
+from vio_eval_ros.rendering.text import number
 
 if TYPE_CHECKING:
-    from vio_eval_ros.nodes.evaluator_node import Evaluator
-    from vio_eval_ros.nodes.stream import Stream
+    from vio_eval_ros.ros.evaluator_node import Evaluator
+    from vio_eval_ros.ros.pose_topic import PoseTopic
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
 ERROR, STALE = DiagnosticStatus.ERROR, DiagnosticStatus.STALE
@@ -187,7 +187,7 @@ def _streams(node: Evaluator) -> DiagnosticStatus:
     return _status('streams', OK, 'running', values)
 
 
-def _problems(stream: Stream) -> list[str]:
+def _problems(stream: PoseTopic) -> list[str]:
     """Return what is wrong with a stream and its publishers."""
     problems = [_publishers(stream)]
     if stream.incompatibility:
@@ -204,7 +204,7 @@ def _problems(stream: Stream) -> list[str]:
     return [f'{"nothing received on" if stream.publishers else "nobody publishes"} {stream.topic}']
 
 
-def _publishers(stream: Stream) -> str:
+def _publishers(stream: PoseTopic) -> str:
     """Return what is wrong with the number or the types of the publishers."""
     listed = ' and '.join(stream.published_types)
     scorable = [msgtype for msgtype in stream.published_types if msgtype in CONVERTERS]

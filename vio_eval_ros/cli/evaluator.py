@@ -8,8 +8,8 @@ import sys
 
 from vio_eval_ros.cli.shell import Parser, run
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.nodes import without_ros
-from vio_eval_ros.nodes.options import NodeConfig
+from vio_eval_ros.live.options import NodeConfig
+from vio_eval_ros.ros import without_ros
 
 HELP = """
 example:
@@ -59,7 +59,7 @@ def _help() -> str:
 
 def _evaluate(argv: list[str], told: list[int]) -> int:
     try:
-        from vio_eval_ros.nodes.evaluator_node import spin
+        from vio_eval_ros.ros.evaluator_node import spin
     except ImportError as error:
         raise without_ros(error) from None
     return spin(argv, told)

@@ -1,0 +1,1 @@
+"""One recorded run: poses of two sources in, a result out."""

@@ -1,0 +1,60 @@
+"""How files are written: whole or not at all."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import os
+from pathlib import Path
+
+from vio_eval_ros.errors import WriteError
+
+
+def write(path: Path, content: str | bytes) -> None:
+    """
+    Write a file so that its path holds either all of it or what was there before.
+
+    :param content: bytes, or text that becomes UTF-8.
+    :raises WriteError: where that is not possible.
+    """
+    write_all({path: content})
+
+
+def write_all(files: Mapping[Path, str | bytes]) -> None:
+    """
+    Write files that belong together: none of them changes before all are on the disk.
+
+    :raises WriteError: where that is not possible; its path is the one that could not be written.
+    """
+    staged: dict[Path, Path] = {}
+    path = Path()
+    try:
+        for path, content in files.items():
+            _stage(
+                path.resolve(), content.encode() if isinstance(content, str) else content, staged
+            )
+        for path, temporary in staged.items():
+            temporary.replace(path)
+    except OSError as error:
+        raise WriteError(path, error.strerror or str(error)) from None
+    finally:
+        for temporary in staged.values():
+            temporary.unlink(missing_ok=True)
+
+
+def _stage(path: Path, data: bytes, staged: dict[Path, Path]) -> None:
+    """Write a temporary file beside the one that it will replace, and remember it."""
+    import tempfile
+
+    if path.exists() and not path.is_file():
+        path.write_bytes(data)  # a pipe or a device; a folder refuses
+        return
+    with tempfile.NamedTemporaryFile(
+        dir=path.parent, prefix=f'.{path.name}.', delete=False
+    ) as file:
+        staged[path] = Path(file.name)
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    umask = os.umask(0)
+    os.umask(umask)
+    staged[path].chmod(0o666 & ~umask)
