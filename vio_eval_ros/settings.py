@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields
 import math
 from pathlib import Path
 from typing import Any
 
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.gates import Gate
+from vio_eval_ros.core.limits import Kind
 from vio_eval_ros.errors import ConfigError, ReadError
 
 MAX_YAML_BYTES = 1 << 20
+#: the verbs that judge by limits
+LIMITED = ('diagnose', 'inspect', 'imu_noise')
 PLAIN_TAGS = ('tag:yaml.org,2002:map', 'tag:yaml.org,2002:seq')
 
 
@@ -177,3 +181,29 @@ def gates_in(section: Section) -> list[Gate]:
         except ConfigError as error:
             raise section.error(metric, error) from None
     return gates
+
+
+def limits_of(kind: type[Kind], verb: str, profile: str, path: Path | None = None) -> Kind:
+    """
+    Return the limits of a profile, with those in a YAML file in their place.
+
+    One file serves all verbs: ``{diagnose: {name: number}, inspect: {name: number}}``.
+
+    :param kind: the dataclass of the verb's limits.
+    :param path: of the file; None for the profile alone.
+    :raises ReadError: the file cannot be read.
+    :raises ConfigError: a limit does not exist or makes no sense.
+    """
+    if path is None:
+        return kind.of(profile)
+    content = load_yaml(path)
+    content.expect(*LIMITED)
+    section = content.section(verb)
+    names = [item.name for item in fields(kind)]
+    section.expect(*names)
+    for name, value in section.items():
+        try:
+            kind.of(profile, {name: value})
+        except ConfigError as error:
+            raise section.error(name, error) from None
+    return kind.of(profile, section)
