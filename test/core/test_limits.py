@@ -39,8 +39,10 @@ def test_a_limit_is_described_with_unit_meaning_and_source():
 def test_a_wrong_profile_or_limit_is_an_error_that_says_what_there_is():
     with pytest.raises(ConfigError, match=r"profile: 'cra' is not one of .*did you mean 'car'"):
         Healthy.of('cra')
-    with pytest.raises(ConfigError, match="unknown option 'scale'; did you mean 'scale_percent'"):
-        Healthy.of('car', {'scale': 1})
+    with pytest.raises(
+        ConfigError, match="unknown option 'scale_pct'; did you mean 'scale_percent'"
+    ):
+        Healthy.of('car', {'scale_pct': 1})
     with pytest.raises(ConfigError, match='gap_s: -1 is below 0'):
         Healthy.of('car', {'gap_s': -1})
 
