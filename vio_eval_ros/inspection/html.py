@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from html import escape
-from itertools import pairwise
 import math
 from typing import Any
 
@@ -13,16 +11,28 @@ import numpy as np
 from vio_eval_ros.inspection.documents import COLUMNS, facts, Report, table_rows, times
 from vio_eval_ros.inspection.findings import Finding
 from vio_eval_ros.inspection.inspection import Examined
-from vio_eval_ros.rendering.figures import AMBER, axis, BLUE, Figure, GREY, layout, numbers, RED
+from vio_eval_ros.rendering.figures import (
+    AMBER,
+    axis,
+    BLUE,
+    extremes,
+    Figure,
+    GREY,
+    label,
+    layout,
+    line_layout,
+    numbers,
+    RED,
+    shortened,
+)
 from vio_eval_ros.rendering.page import badge, Html, joined, page, plot, swatch, table, tag
-from vio_eval_ros.rendering.text import number, printable
+from vio_eval_ros.rendering.text import number
 
 MOST_POINTS = 2000
 MOST_MARKS = 300
 # longer periods are drawn at the top
 TOP_PERIODS = 4.0
 MOST_LETTERS = 26
-PIXELS_A_LETTER = 7
 COLOURS = {'fail': RED, 'warn': AMBER, 'info': GREY}
 
 
@@ -79,7 +89,7 @@ def _summary(report: Report) -> str:
 def _legend() -> list[object]:
     return [
         'When each topic was recorded. ',
-        swatch(BLUE), 'messages', swatch(GREY), 'none that should be there',
+        swatch(BLUE), 'messages', swatch(GREY), 'missing messages',
         swatch(RED), 'fail', swatch(AMBER), 'warn',
     ]  # fmt: skip
 
@@ -145,20 +155,14 @@ def timeline(report: Report) -> Figure:
     data = [_bars(streams, origin_ns), *_holes(streams, origin_ns)]
     for level in ('info', 'warn', 'fail'):
         data += _marks(level, report.findings, lines, origin_ns)
-    names = [_plain(_cut(one.stream.topic)) for one in streams]
-    widest = max(len(_cut(one.stream.topic)) for one in streams)
+    # the end of a topic says more than its beginning
+    names = [shortened(one.stream.topic, MOST_LETTERS, keep_end=True) for one in streams]
     return {
         'data': data,
-        'layout': layout(
+        'layout': line_layout(
+            names,
             barmode='overlay',
             xaxis=axis(f'seconds of the recording, since {origin_ns / 1e9:.3f}'),
-            yaxis=axis(
-                range=[len(streams) - 0.4, -0.6],
-                tickvals=list(range(len(streams))),
-                ticktext=names,
-                fixedrange=True,
-            ),
-            margin={'l': 16 + PIXELS_A_LETTER * widest, 'r': 10, 't': 10, 'b': 42},
         ),
     }
 
@@ -176,7 +180,7 @@ def _bars(streams: Sequence[Examined], origin_ns: int) -> Figure:
         'width': 0.5,
         'marker': {'color': BLUE, 'opacity': 0.55},
         'text': [
-            _plain(f'{one.stream.topic}: {one.timing.count:,}, {number(one.timing.rate_hz)} Hz')
+            label(f'{one.stream.topic}: {one.timing.count:,}, {number(one.timing.rate_hz)} Hz')
             for one in streams
         ],
         'textposition': 'none',
@@ -253,7 +257,7 @@ def _marks(
             'mode': 'markers',
             'x': begins,
             'y': heights,
-            'text': [_plain(f'{one.name}: {one.message}') for _, _, one in found],
+            'text': [label(f'{one.name}: {one.message}') for _, _, one in found],
             'hovertemplate': '%{x:.3f} s: %{text}<extra></extra>',
             'marker': {'symbol': 'triangle-down', 'size': 9, 'color': COLOURS[level]},
         },
@@ -305,7 +309,7 @@ def period_over_time(one: Examined, origin_ns: int) -> Figure:
     periods = 1e3 * one.timing.periods_s
     top = TOP_PERIODS * usual
     within, beyond = periods <= top, np.flatnonzero(periods > top)[:MOST_MARKS]
-    chosen = np.flatnonzero(within)[_extremes(periods[within])]
+    chosen = np.flatnonzero(within)[extremes(periods[within], MOST_POINTS)]
     return {
         'data': [
             _dots(times[chosen], periods[chosen], periods[chosen], BLUE, size=3.5),
@@ -344,24 +348,3 @@ def _range(periods: np.ndarray, usual: float, top: float, is_beyond: bool) -> li
         return [0.0, 1.1 * high]
     reach = max(1.2 * (high - usual), 1.2 * (usual - low), 0.02 * usual)
     return [usual - reach, usual + reach]
-
-
-def _extremes(values: np.ndarray) -> np.ndarray:
-    """Return the indices of the least and the most of each stretch, of all where they are few."""
-    if len(values) <= MOST_POINTS:
-        return np.arange(len(values))
-    edges = np.linspace(0, len(values), MOST_POINTS // 2 + 1).astype(int)
-    stretches = list(pairwise(edges.tolist()))
-    least = [a + int(values[a:b].argmin()) for a, b in stretches]
-    most = [a + int(values[a:b].argmax()) for a, b in stretches]
-    return np.unique(least + most)
-
-
-def _cut(name: str) -> str:
-    """Return a name that leaves room for what it is the name of; its end tells more."""
-    return name if len(name) <= MOST_LETTERS else '…' + name[1 - MOST_LETTERS :]
-
-
-def _plain(text: str) -> str:
-    """Return text of which plotly makes neither links nor bold letters."""
-    return escape(printable(text))

@@ -1,27 +1,28 @@
-"""What all figures look like, as plotly's in plain dicts."""
+"""What all figures have in common; a figure is a plain dict as plotly takes it."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from html import escape
+from itertools import pairwise
 import math
 from typing import Any
 
 import numpy as np
 
+from vio_eval_ros.rendering.text import printable
+
 Figure = dict[str, Any]
 
-
-DIGITS = 5
-
-
 BLUE, RED, GREY, AMBER = '#3f7fc4', '#d1452f', '#8a919b', '#c98a1b'
-
-
+#: decimal digits of a coordinate, of the range of all
+DIGITS = 5
+PIXELS_PER_LETTER = 7
 AXIS = {'gridcolor': 'rgba(128,128,128,0.22)', 'zeroline': False, 'exponentformat': 'e'}
 
 
 def layout(**more: Any) -> Figure:
-    """Return what all figures look like; colours of text follow the page."""
+    """Return the layout that all figures share; text takes its colour from the page."""
     return {
         'font': {'family': 'system-ui, sans-serif', 'size': 12},
         'paper_bgcolor': 'rgba(0,0,0,0)',
@@ -39,8 +40,50 @@ def axis(title: str = '', **more: Any) -> Figure:
     return {**AXIS, 'title': {'text': title}, **more}
 
 
+def line_layout(names: Sequence[str], **more: Any) -> Figure:
+    """Return the layout of a figure with one line per name, the first at the top."""
+    return layout(
+        yaxis=axis(
+            range=[len(names) - 0.4, -0.6],
+            tickvals=list(range(len(names))),
+            ticktext=[label(name) for name in names],
+            fixedrange=True,
+        ),
+        margin={'l': 16 + PIXELS_PER_LETTER * max(map(len, names)), 'r': 10, 't': 10, 'b': 42},
+        **more,
+    )
+
+
+def label(text: str) -> str:
+    """Return text that plotly shows as it is: without links or markup."""
+    return escape(printable(text))
+
+
+def shortened(name: str, most_letters: int, keep_end: bool = False) -> str:
+    """Return a name that is cut to a number of letters, at its end unless that is to stay."""
+    if len(name) <= most_letters:
+        return name
+    return '…' + name[1 - most_letters :] if keep_end else name[: most_letters - 1] + '…'
+
+
+def extremes(values: np.ndarray, most_points: int) -> np.ndarray:
+    """
+    Return which of (N,) values keep the outline of their curve, in rising order.
+
+    These are the least and the greatest of each of ``most_points / 2`` stretches of equal length;
+    all where there are no more than ``most_points``.
+    """
+    if len(values) <= most_points:
+        return np.arange(len(values))
+    edges = np.linspace(0, len(values), most_points // 2 + 1).astype(int)
+    stretches = list(pairwise(edges.tolist()))
+    least = [begin + int(values[begin:end].argmin()) for begin, end in stretches]
+    greatest = [begin + int(values[begin:end].argmax()) for begin, end in stretches]
+    return np.unique(least + greatest)
+
+
 def numbers(values: np.ndarray) -> list[float | None]:
-    """Return (N,) numbers as JSON has them, to 1e-5 of their range; None for what is none."""
+    """Return (N,) numbers as JSON has them, to 1e-5 of their range; None for NaN."""
     known = values[np.isfinite(values)]
     spread = float(np.ptp(known)) if len(known) else 0.0
     decimals = DIGITS - math.floor(math.log10(spread)) if spread > 0 else 9
@@ -48,7 +91,7 @@ def numbers(values: np.ndarray) -> list[float | None]:
 
 
 def boxes(title: str, samples: Mapping[str, np.ndarray]) -> Figure:
-    """Return a box over the quartiles for each sample, with whiskers from 5 to 95 percent."""
+    """Return a box plot of each sample; whiskers reach from the 5th to the 95th percentile."""
     quantiles = [np.quantile(values, [0.05, 0.25, 0.5, 0.75, 0.95]) for values in samples.values()]
     low, q1, median, q3, high = (column.tolist() for column in np.transpose(quantiles))
     spread = min(low) > 0 and max(high) > 20 * min(low)

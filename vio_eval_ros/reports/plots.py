@@ -23,7 +23,17 @@ from vio_eval_ros.core.metrics import (
 from vio_eval_ros.core.rotation import lengths
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.evaluation.result import Result
-from vio_eval_ros.rendering.figures import AMBER, axis, BLUE, Figure, GREY, layout, numbers, RED
+from vio_eval_ros.rendering.figures import (
+    AMBER,
+    axis,
+    BLUE,
+    extremes,
+    Figure,
+    GREY,
+    layout,
+    numbers,
+    RED,
+)
 
 MOST_POINTS = 2000
 #: a jump is a step from one pair to the next in which the aligned estimate moves otherwise than
@@ -150,20 +160,16 @@ class Course:
         extent = np.ptp(self.truth, axis=0)
         return 'xz' if extent[1] < min(extent[0], 0.5 * extent[2]) else 'xy'
 
-    def thinned(self) -> np.ndarray:
-        """Return every so manieth pair, the first and last among them."""
+    def evenly_spaced(self) -> np.ndarray:
+        """Return evenly spaced pairs, the first and last among them."""
         count = min(len(self.seconds), self.most_points)
         return np.unique(np.linspace(0, len(self.seconds) - 1, count).round().astype(int))
 
     def extremes(self, values: np.ndarray) -> np.ndarray:
-        """Return pairs that keep the outline of a curve: the least and most of each stretch."""
+        """Return pairs that keep the outline of a curve, the first and last among them."""
         if len(values) <= self.most_points or math.isnan(values.sum()):
-            return self.thinned()
-        edges = np.linspace(0, len(values), self.most_points // 2 + 1).astype(int)
-        stretches = list(pairwise(edges.tolist()))
-        chosen = [begin + values[begin:end].argmin() for begin, end in stretches]
-        chosen += [begin + values[begin:end].argmax() for begin, end in stretches]
-        return np.unique(np.array([0, *chosen, len(values) - 1]))
+            return self.evenly_spaced()
+        return np.union1d([0, len(values) - 1], extremes(values, self.most_points))
 
     def gap_between(self, chosen: np.ndarray) -> np.ndarray:
         """Return for the chosen pairs whether a gap is between one and the next."""
@@ -186,7 +192,7 @@ class Course:
 
 def path_3d(course: Course) -> Figure:
     """Return the aligned estimate in the colours of its error, with the ground truth, in 3-D."""
-    chosen, kind = course.thinned(), {'type': 'scatter3d'}
+    chosen, kind = course.evenly_spaced(), {'type': 'scatter3d'}
     truth, estimate = (course.places(p, 'xyz', chosen) for p in (course.truth, course.estimate))
     drawn = [course.truth, course.estimate]
     drawn += [] if course.whole is None else [course.whole.positions]
@@ -229,7 +235,7 @@ def path_3d(course: Course) -> Figure:
 
 def path_from_above(course: Course) -> Figure:
     """Return the same from above."""
-    names, chosen, kind = course.axes_from_above, course.thinned(), {'type': 'scatter'}
+    names, chosen, kind = course.axes_from_above, course.evenly_spaced(), {'type': 'scatter'}
     truth, estimate = (course.places(p, names, chosen) for p in (course.truth, course.estimate))
     right, up = (course.labels['xyz'.index(name)] for name in names)
     return {

@@ -1,19 +1,27 @@
-"""What the HTML report of a suite draws: every run of a sequence on one scale."""
+"""The figures of a suite: every run of a sequence on one scale."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from html import escape
 import math
 from typing import NamedTuple
 
-from vio_eval_ros.rendering.figures import AMBER, axis, BLUE, Figure, GREY, layout, RED
-from vio_eval_ros.rendering.text import number, printable
+from vio_eval_ros.rendering.figures import (
+    AMBER,
+    axis,
+    BLUE,
+    Figure,
+    GREY,
+    label,
+    line_layout,
+    RED,
+    shortened,
+)
+from vio_eval_ros.rendering.text import number
 from vio_eval_ros.scoring.scoring import SequenceResult
 
 MOST_LETTERS = 20
-PIXELS_A_LETTER = 7
-#: how each kind of mark looks, and how far below the middle of its line it is; the last are on top
+#: how far below the middle of its line a kind of mark is, and its style; later kinds are on top
 MARKERS: Mapping[str, tuple[float, Figure]] = {
     'baseline': (0.22, {'symbol': 'circle-open', 'size': 8, 'color': GREY}),
     'baseline, median': (
@@ -32,11 +40,11 @@ MARKERS: Mapping[str, tuple[float, Figure]] = {
 
 
 class Mark(NamedTuple):
-    """A value on a line: one of ``MARKERS``, and what is told of it."""
+    """A value on a line, drawn as one of ``MARKERS``, and its label."""
 
     kind: str
     value: float
-    told: str
+    label: str
 
 
 def marks(one: SequenceResult, metric: str) -> list[Mark]:
@@ -61,22 +69,14 @@ def _marks(one: SequenceResult, metric: str) -> Iterator[Mark]:
 
 
 def strips(title: str, rows: Sequence[tuple[str, Sequence[Mark]]]) -> Figure:
-    """Return a line with marks for each of some names, the first at the top, on one scale."""
+    """Return a line of marks for each name, the first at the top, on one scale."""
     values = [mark.value for _, line in rows for mark in line] or [0.0]
     wide = min(values) > 0 and max(values) > 20 * min(values)
-    names = [_plain(_cut(name)) for name, _ in rows]
-    widest = max(len(_cut(name)) for name, _ in rows)
     return {
         'data': [_dots(kind, rows) for kind in MARKERS],
-        'layout': layout(
+        'layout': line_layout(
+            [shortened(name, MOST_LETTERS) for name, _ in rows],
             xaxis=axis(title, **({'type': 'log'} if wide else {'rangemode': 'tozero'})),
-            yaxis=axis(
-                range=[len(rows) - 0.4, -0.6],
-                tickvals=list(range(len(rows))),
-                ticktext=names,
-                fixedrange=True,
-            ),
-            margin={'l': 16 + PIXELS_A_LETTER * widest, 'r': 10, 't': 10, 'b': 42},
         ),
     }
 
@@ -90,17 +90,7 @@ def _dots(kind: str, rows: Sequence[tuple[str, Sequence[Mark]]]) -> Figure:
         'mode': 'markers',
         'x': [mark.value for _, mark in found],
         'y': [k + below for k, _ in found],
-        'text': [_plain(f'{mark.told}: {number(mark.value)}') for _, mark in found],
+        'text': [label(f'{mark.label}: {number(mark.value)}') for _, mark in found],
         'hovertemplate': '%{text}<extra></extra>',
         'marker': marker,
     }
-
-
-def _cut(name: str) -> str:
-    """Return a name that leaves room for what it is the name of."""
-    return name if len(name) <= MOST_LETTERS else name[: MOST_LETTERS - 1] + '…'
-
-
-def _plain(text: str) -> str:
-    """Return text of which plotly makes neither links nor bold letters."""
-    return escape(printable(text))
