@@ -1,6 +1,7 @@
 """Quaternions do what rotation matrices do, and lose nothing at the ends of their range."""
 
 from collections.abc import Callable
+import math
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -103,3 +104,16 @@ def test_slerp_between_equal_and_opposite_quaternions_stays_there():
     for end in (q, -q):
         between = rotation.slerp(q, end, weight)
         np.testing.assert_allclose(rotation.angle_between(between, q), 0, atol=1e-15)
+
+
+@pytest.mark.parametrize('angle', [0, 1e-10, 1, 3, math.pi - 1e-9, math.pi])
+def test_the_angle_of_a_rotation_is_that_of_its_matrix(angle):
+    q = rotation.from_rotation_vector(angle * np.array([0.36, 0.48, -0.8]))
+    assert rotation.angle(q) == pytest.approx(angle, rel=1e-9, abs=1e-15)
+    assert rotation.angle_of_matrix(turns(q[None])[0]) == pytest.approx(angle, abs=1e-9)
+
+
+def test_rotations_about_z_take_x_towards_y():
+    angles = np.array([0, math.pi / 2, -math.pi])
+    forward = rotation.rotate(rotation.about_z(angles), np.array([1.0, 0, 0]))
+    np.testing.assert_allclose(forward, [[1, 0, 0], [0, 1, 0], [-1, 0, 0]], atol=TINY)

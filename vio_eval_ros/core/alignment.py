@@ -13,13 +13,13 @@ import math
 import numpy as np
 
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.rotation import IDENTITY
 from vio_eval_ros.core.trajectory import blocks, Pairs, Trajectory
 
 SCALED_MODES = ('scale', 'sim3')
 COLLINEAR = 1e-3
 MIN_EXTENT_M = 1e-6
 MIN_SCALE = 1e-3
-IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,16 +10,13 @@ import numpy as np
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.interpolation import between
+from vio_eval_ros.core.intervals import Intervals, longest_tracked, nanoseconds
 from vio_eval_ros.core.trajectory import as_slice, clean, Cleaning, Pairs, Poses, Trajectory
 from vio_eval_ros.errors import ConfigError
 
 BEFORE_ALL = np.iinfo(np.int64).min
 AFTER_ALL = np.iinfo(np.int64).max
-
-
-def nanoseconds(seconds: float) -> int:
-    """Return a duration in whole nanoseconds."""
-    return round(seconds * 1e9)
 
 
 def nearest(stamps: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -34,37 +31,6 @@ def nearest(stamps: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.asarray(
         np.where(np.abs(stamps - others[before]) <= np.abs(others[after] - stamps), before, after)
     )
-
-
-class Intervals:
-    """
-    Durations between consecutive stamps, and how much of them was without a longer gap.
-
-    Intervals up to the gap are only summed; the few longer ones are kept, since the limit may
-    turn out to be larger.
-    """
-
-    def __init__(self, gap_ns: int) -> None:
-        self._gap_ns = gap_ns
-        self._last_ns: int | None = None
-        self._short_sum_ns = 0
-        self._long_ns = np.empty(0, np.int64)
-
-    def add(self, stamps: np.ndarray) -> np.ndarray:
-        """Add the next stamps of the series; return the intervals that they end."""
-        if not len(stamps):
-            return np.empty(0, np.int64)
-        start = stamps[0] if self._last_ns is None else self._last_ns
-        intervals = np.diff(stamps, prepend=start)[self._last_ns is None :]
-        self._last_ns = int(stamps[-1])
-        short = intervals <= self._gap_ns
-        self._short_sum_ns += int(intervals[short].sum())
-        self._long_ns = np.concatenate([self._long_ns, intervals[~short]])
-        return intervals
-
-    def total_ns(self, limit_ns: float) -> int:
-        """Return the sum of the intervals up to a limit that is not below the gap."""
-        return self._short_sum_ns + int(self._long_ns[self._long_ns <= limit_ns].sum())
 
 
 class Stream:
@@ -220,7 +186,7 @@ class Associator:
             # only a slow estimate (a median above a third of the gap) can need a longer limit
             fast_ns = np.full(self._fast, self._longest_fast_ns)
             median_ns = float(np.median(np.concatenate([fast_ns, self._slow_ns])))
-            limit_ns = max(limit_ns, 3 * median_ns)
+            limit_ns = longest_tracked(limit_ns, median_ns)
         duration_ns = self.ground_truth.intervals.total_ns(limit_ns)
         # the estimates of the first and last pair may lie outside the ground truth
         return (
@@ -290,6 +256,7 @@ class Associator:
         estimate, truth = self.estimate.waiting, self.ground_truth.waiting
         if not len(estimate) or not len(truth):
             return Pairs.empty()
+        truth = replace(truth, covariances=None)  # nobody needs them
         stamps = truth.stamps_ns
         self._note_closest(
             np.abs(estimate.stamps_ns - stamps[nearest(estimate.stamps_ns, stamps)])
@@ -303,21 +270,8 @@ class Associator:
         exact = stamps[after] == estimate.stamps_ns
         before = np.where(exact, after, after - 1)
         usable = (before >= 0) & (stamps[after] - stamps[before] <= self._gap_ns)
-        estimate, before, after = estimate[usable], before[usable], after[usable]
-        weight = (estimate.stamps_ns - stamps[before]) / np.maximum(
-            stamps[after] - stamps[before], 1
-        )
-        return Pairs.of(
-            estimate,
-            Trajectory(
-                estimate.stamps_ns,
-                truth.positions[before] * (1 - weight)[:, None]
-                + truth.positions[after] * weight[:, None],
-                None
-                if truth.rotations is None
-                else rotation.slerp(truth.rotations[before], truth.rotations[after], weight),
-            ),
-        )
+        estimate, begin, end = estimate[usable], truth[before[usable]], truth[after[usable]]
+        return Pairs.of(estimate, between(begin, end, estimate.stamps_ns, weighted=True))
 
     def _note_closest(self, differences: np.ndarray) -> None:
         """Remember the smallest difference seen, to be named where there are no pairs."""

@@ -21,8 +21,9 @@ from typing import Any
 import numpy as np
 
 from vio_eval_ros.core.alignment import Alignment, Moments, solve
-from vio_eval_ros.core.association import AFTER_ALL, Associator, BEFORE_ALL, nanoseconds, Stream
+from vio_eval_ros.core.association import AFTER_ALL, Associator, BEFORE_ALL, Stream
 from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.intervals import nanoseconds
 from vio_eval_ros.core.metrics import METRICS, Run
 from vio_eval_ros.core.trajectory import Cleaning, PairLog, Pairs, Poses
 

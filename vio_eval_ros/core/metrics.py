@@ -19,10 +19,12 @@ import numpy as np
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.alignment import Alignment, MIN_EXTENT_M, Moments, solve
 from vio_eval_ros.core.angles import AngleMoments
-from vio_eval_ros.core.association import Associator, nanoseconds, nearest
+from vio_eval_ros.core.association import Associator, nearest
 from vio_eval_ros.core.config import Delta, EvaluationConfig, plain
+from vio_eval_ros.core.intervals import longest_tracked, nanoseconds
 from vio_eval_ros.core.rotation import lengths
 from vio_eval_ros.core.statistics import root_mean_square, statistics
+from vio_eval_ros.core.steps import distances
 from vio_eval_ros.core.trajectory import as_slice, blocks, PairLog, Pairs, rows
 
 ALWAYS_ALIGNED = ('none', 'posyaw', 'se3', 'sim3')
@@ -234,7 +236,7 @@ def progress_along(pairs: Pairs, unit: str) -> np.ndarray:
         return pairs.estimate.stamps_ns - pairs.estimate.stamps_ns[:1]
     steps: np.ndarray
     if unit == 'm':
-        steps = lengths(np.diff(pairs.ground_truth.positions, axis=0))
+        return distances(pairs.ground_truth.positions)
     else:
         turns = pairs.ground_truth.rotations
         if turns is None:
@@ -337,7 +339,9 @@ class Rpe(Metric):
             warnings.append(f'rpe_{delta}: no two pairs are {delta} apart')
         elif delta.unit == 'f':
             intervals = np.diff(stamps_ns)
-            limit_ns = max(nanoseconds(self.config.max_gap_s), 3 * float(np.median(intervals)))
+            limit_ns = longest_tracked(
+                nanoseconds(self.config.max_gap_s), float(np.median(intervals))
+            )
             gaps = np.concatenate([[0], np.cumsum(intervals > limit_ns)])
             bridging = int(np.count_nonzero(gaps[end] > gaps[begin]))
             if bridging:

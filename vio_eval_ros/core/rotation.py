@@ -4,7 +4,11 @@ Rotations as unit quaternions x y z w in the rows of (N, 4) arrays, as in ROS.
 Every function is vectorised and broadcasts over rows; a single (4,) quaternion serves as well.
 """
 
+import math
+
 import numpy as np
+
+IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 def lengths(vectors: np.ndarray) -> np.ndarray:
@@ -60,6 +64,18 @@ def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.asarray(4 * np.arctan2(np.minimum(difference, total), np.maximum(difference, total)))
 
 
+def angle(q: np.ndarray) -> np.ndarray:
+    """Return the angles [rad] in [0, π] of rotations."""
+    return angle_between(q, IDENTITY)
+
+
+def angle_of_matrix(matrix: np.ndarray) -> float:
+    """Return the angle [rad] of a (3, 3) rotation matrix, accurate near 0 and near π."""
+    skew = matrix - matrix.T
+    sine = math.sqrt(skew[2, 1] ** 2 + skew[0, 2] ** 2 + skew[1, 0] ** 2) / 2
+    return math.atan2(sine, (float(np.trace(matrix)) - 1) / 2)
+
+
 def slerp(a: np.ndarray, b: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """
     Return the rotations at ``weight`` of the way from ``a`` to ``b``, on the shorter arc.
@@ -75,6 +91,12 @@ def slerp(a: np.ndarray, b: np.ndarray, weight: np.ndarray) -> np.ndarray:
         a * ((1 - weight) * np.sinc((1 - weight) * half / np.pi) / scale)
         + b * (weight * np.sinc(weight * half / np.pi) / scale)
     )
+
+
+def about_z(angles: np.ndarray) -> np.ndarray:
+    """Return the (N, 4) rotations about the z axis by angles [rad]."""
+    zero = np.zeros_like(angles)
+    return from_rotation_vector(np.stack([zero, zero, angles], axis=-1))
 
 
 def from_rotation_vector(v: np.ndarray) -> np.ndarray:

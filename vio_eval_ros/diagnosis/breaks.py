@@ -10,11 +10,12 @@ from typing import NamedTuple
 import numpy as np
 
 from vio_eval_ros.core import rotation
-from vio_eval_ros.core.association import nanoseconds
+from vio_eval_ros.core.interpolation import Interpolator
+from vio_eval_ros.core.intervals import nanoseconds
 from vio_eval_ros.core.rotation import lengths
+from vio_eval_ros.core.steps import distances, jump_limit, step_lengths
 from vio_eval_ros.core.trajectory import Pairs, Trajectory
 from vio_eval_ros.diagnosis.fitting import horizon, robust_similarity
-from vio_eval_ros.diagnosis.interpolation import Interpolator
 
 REACH = 5
 # of a large displacement, what is taken for one
@@ -65,7 +66,7 @@ class Jump:
     @property
     def turn_rad(self) -> float:
         """The angle of the turn."""
-        return 2 * math.atan2(math.hypot(*self.turn[:3]), abs(self.turn[3]))
+        return float(rotation.angle(np.array(self.turn)))
 
     def undo(
         self, stamps_ns: np.ndarray, positions: np.ndarray, rotations: np.ndarray | None
@@ -193,7 +194,7 @@ def _turns(pairs: Pairs, received_ns: np.ndarray, sensor: np.ndarray) -> dict[in
     intervals = np.diff(pairs.estimate.stamps_ns)
     size = lengths(steps) / np.sqrt(np.maximum(intervals / np.median(intervals), 1))
     found = {}
-    far = size > max(JUMP_RAD, JUMP_TIMES * np.quantile(size, 0.9))
+    far = size > jump_limit(size, JUMP_RAD, JUMP_TIMES, 0.9)
     for k in np.flatnonzero(_inner(far)).tolist():
         back = rotation.conjugate(worlds[k])
         before, after = (
@@ -238,7 +239,7 @@ def _jumps(errors: np.ndarray, stamps_ns: np.ndarray) -> list[_Step]:
     size = lengths(steps)
     # the error of a random walk grows with the square root of the time
     size = size / np.sqrt(np.maximum(intervals / np.median(intervals), 1))
-    limit = max(JUMP_M, JUMP_TIMES * float(np.quantile(size, 0.9)))
+    limit = jump_limit(size, JUMP_M, JUMP_TIMES, 0.9)
     found = []
     for k in np.flatnonzero(_inner(size > min(limit, CLEAR_M))).tolist():
         before, after = slice(k - REACH + 1, k + 1), slice(k + 1, k + 1 + REACH)
@@ -330,7 +331,7 @@ def missing_s(estimate: Trajectory, truth: Interpolator, gaps: list[Gap]) -> flo
     if hole.mean() > 1 - HAS_RATE or np.count_nonzero(hole) < FEWEST_HOLES:
         return 0.0
     poses = truth.at(stamps_ns)
-    moved = [lengths(np.diff(poses.positions, axis=0))]
+    moved = [step_lengths(poses.positions)]
     if poses.rotations is not None:
         moved.append(rotation.angle_between(poses.rotations[1:], poses.rotations[:-1]))
     for way in moved:
@@ -354,7 +355,7 @@ def find_gaps(estimate: Trajectory, truth: Trajectory, max_gap_s: float) -> list
     stamps_ns, known_ns = estimate.stamps_ns, truth.stamps_ns
     intervals = np.diff(stamps_ns)
     usual = float(np.median(intervals))
-    path = np.concatenate([[0.0], np.cumsum(lengths(np.diff(truth.positions, axis=0)))])
+    path = distances(truth.positions)
     at = np.interp(stamps_ns.astype(float), known_ns.astype(float), path)
     regular = float(np.quantile(intervals, 0.9)) <= REGULAR * usual
     if not regular:

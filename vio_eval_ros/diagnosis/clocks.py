@@ -8,7 +8,8 @@ import math
 import numpy as np
 
 from vio_eval_ros.core import rotation
-from vio_eval_ros.core.association import nanoseconds
+from vio_eval_ros.core.interpolation import Interpolator
+from vio_eval_ros.core.intervals import longest_tracked, nanoseconds
 from vio_eval_ros.core.rotation import lengths
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.correlation import correlate, Peak
@@ -21,7 +22,6 @@ from vio_eval_ros.diagnosis.fitting import (
     turn_is_told,
 )
 from vio_eval_ros.diagnosis.geometry import UP
-from vio_eval_ros.diagnosis.interpolation import Interpolator
 
 GRID_S = 0.01
 WINDOW_S = 0.1
@@ -61,7 +61,7 @@ def speed_peak(estimate: Trajectory, truth: Trajectory, max_gap_s: float) -> Pea
 def _speeds(side: Trajectory, step_s: float, turning: bool, max_gap_s: float) -> np.ndarray:
     """Return (N,) speeds [rad/s or m/s] at even times from the first pose on; NaN in gaps."""
     interval_s = float(np.median(np.diff(side.stamps_ns))) / 1e9
-    poses = Interpolator(side, max(max_gap_s, 3 * interval_s))
+    poses = Interpolator(side, longest_tracked(max_gap_s, interval_s))
     grid = np.arange(side.stamps_ns[0], side.stamps_ns[-1], nanoseconds(step_s))
     half = max(WINDOW_S, interval_s) / 2
     ends_ns = [grid - nanoseconds(half), grid + nanoseconds(half)]

@@ -8,6 +8,7 @@ import math
 import numpy as np
 
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.interpolation import Interpolator
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.fitting import (
     horizon,
@@ -17,7 +18,6 @@ from vio_eval_ros.diagnosis.fitting import (
     robust_weights,
     turn_is_told,
 )
-from vio_eval_ros.diagnosis.interpolation import Interpolator
 
 HORIZON_S = 0.25
 # the wrong convention fits many times worse; healthy runs fit to 0.1 and better
@@ -190,7 +190,7 @@ class _Fit:
     @property
     def apart_rad(self) -> float:
         """The angle between the two worlds."""
-        return _angle(self.world_of_rotations.T @ self.world_of_positions)
+        return rotation.angle_of_matrix(self.world_of_rotations.T @ self.world_of_positions)
 
     def axes(self) -> tuple[np.ndarray, float, bool]:
         """
@@ -205,7 +205,7 @@ class _Fit:
             self.world_of_rotations @ self.world_of_positions.T,
         ):
             whole = _nearest_axes(apart)
-            sides.append((whole, _angle(apart @ whole.T)))
+            sides.append((whole, rotation.angle_of_matrix(apart @ whole.T)))
         of_truth = sides[1][1] < sides[0][1] - SURELY_RAD
         return *sides[of_truth], of_truth
 
@@ -246,14 +246,9 @@ class _Motions:
         worlds = rotation.multiply(
             self._truth, rotation.conjugate(rotation.multiply(poses.rotations, body))
         )
-        angle = rotation.angle_between(body, np.array([0.0, 0.0, 0.0, 1.0]))
+        angle = rotation.angle(body)
         of_rotations = rotation.to_matrix(mean_rotation(worlds))
         return _Fit(misfit, strayed, float(angle), told, of_rotations, of_positions)
-
-
-def _angle(matrix: np.ndarray) -> float:
-    """Return the angle of a (3, 3) rotation."""
-    return math.acos(min(max((float(np.trace(matrix)) - 1) / 2, -1.0), 1.0))
 
 
 def _least_strange(fits: list[_Fit], limit: float) -> tuple[float, int, _Fit]:

@@ -7,12 +7,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.steps import path_of_changed_steps
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.breaks import Jump
 from vio_eval_ros.diagnosis.clocks import true_stamps
 from vio_eval_ros.diagnosis.conventions import Convention
-
-IDENTITY = np.array([0.0, 0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,9 +43,9 @@ class Correction:
     outliers_ns: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
     diverged_ns: int | None = None
     jumps: tuple[Jump, ...] = ()
-    turn: np.ndarray = field(default_factory=lambda: IDENTITY)
+    turn: np.ndarray = field(default_factory=lambda: rotation.IDENTITY)
     lever: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    level: np.ndarray = field(default_factory=lambda: IDENTITY)
+    level: np.ndarray = field(default_factory=lambda: rotation.IDENTITY)
     scale: float = 1.0
     scale_drift: float = 0.0
     yaw_drift: float = 0.0
@@ -73,10 +72,10 @@ class Correction:
         positions = rotation.rotate(self.level, positions) / self.scale
         elapsed = (poses.stamps_ns - self.middle_ns) / 1e9
         if self.scale_drift:
-            positions = _along(positions, 1 / (1 + self.scale_drift * elapsed), None)
+            positions = path_of_changed_steps(positions, 1 / (1 + self.scale_drift * elapsed))
         if self.yaw_drift:
-            turns = _about_z(-self.yaw_drift * elapsed)
-            positions = _along(positions, None, turns)
+            turns = rotation.about_z(-self.yaw_drift * elapsed)
+            positions = path_of_changed_steps(positions, rotations=turns)
             rotations = None if rotations is None else rotation.multiply(turns, rotations)
         agreed_ns = self.middle_ns if self.agreed_ns is None else self.agreed_ns
         stamps_ns = true_stamps(poses.stamps_ns, agreed_ns, self.offset_s, self.clock_drift)
@@ -105,20 +104,3 @@ PARTS: dict[str, tuple[str, ...]] = {
     'yaw_drift': ('yaw_drift',),
     'lost_tracking': (),
 }
-
-
-def _about_z(angles: np.ndarray) -> np.ndarray:
-    zero = np.zeros_like(angles)
-    return rotation.from_rotation_vector(np.stack([zero, zero, angles], axis=-1))
-
-
-def _along(
-    positions: np.ndarray, factors: np.ndarray | None, turns: np.ndarray | None
-) -> np.ndarray:
-    """Return the path whose steps are those of another, each stretched or turned."""
-    steps = np.diff(positions, axis=0)
-    if factors is not None:
-        steps = steps * factors[:-1, None]
-    if turns is not None:
-        steps = rotation.rotate(turns[:-1], steps)
-    return np.concatenate([positions[:1], positions[:1] + np.cumsum(steps, axis=0)])

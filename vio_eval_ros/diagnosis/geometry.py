@@ -175,7 +175,7 @@ def _world_of_positions(pairs: Pairs) -> World:
     """Return the tilt that the alignment of the positions has; the yaw drift is unknown."""
     aligned = solve('sim3', Moments.of(pairs), pairs[:1])
     if len(pairs) < 2 * BLOCKS or not aligned.observable:
-        return World(np.array([0.0, 0.0, 0.0, 1.0]), Estimated.unknown(), Estimated.unknown())
+        return World(rotation.IDENTITY, Estimated.unknown(), Estimated.unknown())
     level, tilt = _levelling(aligned.rotation)
     truth = pairs.ground_truth.positions
     turned = rotation.rotate(aligned.rotation, pairs.estimate.positions)

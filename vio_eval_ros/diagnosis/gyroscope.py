@@ -8,11 +8,12 @@ import math
 import numpy as np
 
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.interpolation import Interpolator
+from vio_eval_ros.core.intervals import longest_tracked
 from vio_eval_ros.core.rotation import lengths
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.clocks import fit_lag, HORIZON_S, Lag, speed_peak
 from vio_eval_ros.diagnosis.fitting import horizon, relative_turns, robust_similarity
-from vio_eval_ros.diagnosis.interpolation import Interpolator
 from vio_eval_ros.errors import NoPairs
 
 FEWEST = 20
@@ -77,7 +78,7 @@ def compare(estimate: Trajectory, stamps_ns: np.ndarray, rates: np.ndarray) -> C
         )
     degrees = _in_degrees(estimate, rates)
     rates = np.radians(rates) if degrees else rates
-    gap_s = max(GAP_S, 3 * float(np.median(np.diff(stamps_ns))) / 1e9)
+    gap_s = longest_tracked(GAP_S, float(np.median(np.diff(stamps_ns))) / 1e9)
     bias, start_s = np.zeros(3), math.nan
     for _ in range(ITERATIONS):
         turned = _integrated(stamps_ns, rates - bias)
@@ -95,7 +96,7 @@ def compare(estimate: Trajectory, stamps_ns: np.ndarray, rates: np.ndarray) -> C
         if np.abs(change).max() < CONVERGED_RAD_S:
             break
     turn = rotation.from_matrix(lag.turn.T)
-    angle = float(rotation.angle_between(turn, np.array([0.0, 0.0, 0.0, 1.0])))
+    angle = float(rotation.angle(turn))
     return Comparison(
         lag.offset_s,
         lag.offset_uncertainty_s,

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from vio_eval_ros.core import rotation
-from vio_eval_ros.core.rotation import lengths
+from vio_eval_ros.core.rotation import IDENTITY
+from vio_eval_ros.core.steps import step_lengths
 from vio_eval_ros.diagnosis.breaks import find_breaks, find_gaps, Jump, missing_s
 from vio_eval_ros.diagnosis.clocks import fit_lag, Lag, speed_peak
 from vio_eval_ros.diagnosis.conventions import candidates, find_convention, Finding
-from vio_eval_ros.diagnosis.correction import Correction, IDENTITY
+from vio_eval_ros.diagnosis.correction import Correction
 from vio_eval_ros.diagnosis.correlation import Peak
 from vio_eval_ros.diagnosis.fitting import student, T_95
 from vio_eval_ros.diagnosis.geometry import Body, fit_body, fit_scale, fit_world, World
@@ -278,7 +279,7 @@ class _Found:
             tilt, yaw = _untold(tilt), _untold(yaw)
         self._note(tilt, level=world.level)
         self._note(yaw, yaw_drift=world.yaw_drift.value)
-        path_m = float(lengths(np.diff(pairs.ground_truth.positions, axis=0)).sum())
+        path_m = float(step_lengths(pairs.ground_truth.positions).sum())
         minutes = float(np.ptp(pairs.estimate.stamps_ns)) / 60e9 if path_m else math.nan
         self.findings['yaw_drift_deg_per_m'] = yaw.value * minutes / (path_m or math.nan)
         self.findings['world_upright'] = upright
@@ -375,7 +376,7 @@ def _convention(found: Finding) -> Measurement:
 
 def _turn(run: Run, lag: Lag) -> Measurement:
     told = run.turning and lag.misfit < MISFIT
-    angle = rotation.angle_between(rotation.from_matrix(lag.turn.T), IDENTITY)
+    angle = rotation.angle(rotation.from_matrix(lag.turn.T))
     return Measurement.of(
         'sensor_rotation',
         math.degrees(float(angle)) if told else 0.0,

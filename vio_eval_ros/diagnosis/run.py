@@ -13,6 +13,8 @@ from vio_eval_ros.core.alignment import Moments, solve
 from vio_eval_ros.core.association import Associator
 from vio_eval_ros.core.config import Delta, EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
+from vio_eval_ros.core.interpolation import Interpolator
+from vio_eval_ros.core.intervals import longest_tracked
 from vio_eval_ros.core.metrics import (
     candidates,
     position_errors,
@@ -23,7 +25,6 @@ from vio_eval_ros.core.metrics import (
 from vio_eval_ros.core.statistics import root_mean_square
 from vio_eval_ros.core.trajectory import Pairs, Trajectory
 from vio_eval_ros.diagnosis.correction import Correction
-from vio_eval_ros.diagnosis.interpolation import Interpolator
 from vio_eval_ros.errors import NoPairs
 
 FEWEST_POSES = 20
@@ -85,9 +86,8 @@ class Run:
     @cached_property
     def gap_s(self) -> float:
         """Over longer intervals the truth is not interpolated."""
-        return max(
-            self.config.max_gap_s, 3 * float(np.median(np.diff(self.truth.stamps_ns))) / 1e9
-        )
+        interval_s = float(np.median(np.diff(self.truth.stamps_ns))) / 1e9
+        return longest_tracked(self.config.max_gap_s, interval_s)
 
     @cached_property
     def true_poses(self) -> Interpolator:

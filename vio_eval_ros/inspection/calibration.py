@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from vio_eval_ros.core.rotation import angle_of_matrix
 from vio_eval_ros.inspection.chains import Chain, FROM_CAMERA, inverse, NOISE, RATES, TO_CAMERA
 from vio_eval_ros.inspection.findings import Finding
 from vio_eval_ros.inspection.inertial import upwards
@@ -195,7 +196,7 @@ def _stereo(chain: Chain, first: str, second: str, findings: list[Finding]) -> I
     along = '+-'[int(place[axis] < 0)] + 'xyz'[axis]
     yield (
         f'{second} is {1e3 * baseline:.2f} mm from {first}, along {along} of {first}, '
-        f'{angle_deg(relative[:3, :3]):.2f} deg turned'
+        f'{math.degrees(angle_of_matrix(relative[:3, :3])):.2f} deg turned'
     )
     is_sideways = abs(place[0]) >= SIDEWAYS * baseline
     faces_alike = relative[2, 2] > SIDEWAYS
@@ -318,14 +319,9 @@ def _relative(cameras: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 def _apart(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
     """Return by how many metres and degrees two transformations differ."""
     difference = inverse(a) @ b
-    return float(np.linalg.norm(difference[:3, 3])), angle_deg(difference[:3, :3])
-
-
-def angle_deg(rotation: np.ndarray) -> float:
-    """Return the angle of a (3, 3) rotation, accurate near 0 and near 180 degrees."""
-    skew = rotation - rotation.T
-    sine = math.sqrt(skew[2, 1] ** 2 + skew[0, 2] ** 2 + skew[1, 0] ** 2) / 2
-    return math.degrees(math.atan2(sine, (float(np.trace(rotation)) - 1) / 2))
+    return float(np.linalg.norm(difference[:3, 3])), math.degrees(
+        angle_of_matrix(difference[:3, :3])
+    )
 
 
 def _up(chain: Chain, inspection: Inspection, findings: list[Finding]) -> Iterator[str]:

@@ -11,6 +11,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.sensor_stream import runs, SensorStream, spread
+from vio_eval_ros.core.steps import step_lengths
 from vio_eval_ros.inspection.findings import are, Finding
 from vio_eval_ros.inspection.timing import Timing
 
@@ -58,7 +59,7 @@ def motion(stream: SensorStream, timing: Timing) -> tuple[Motion | None, list[Fi
     poses, times = numbers[order], stream.times_ns[order]
     # stamps nearer to each other than half a period would make any noise a speed
     seconds = np.maximum(np.diff(times) / 1e9, timing.period_s / 2)
-    steps = rotation.lengths(np.diff(poses[:, :3], axis=0))
+    steps = step_lengths(poses[:, :3])
     speeds = steps / seconds
     turns = np.full(len(speeds), math.nan)
     if poses.shape[1] == 7 and poses[:, 3:].any(axis=1).all():

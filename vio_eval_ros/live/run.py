@@ -19,7 +19,8 @@ import numpy as np
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation, MOST_WAITING, RunningSeries
 from vio_eval_ros.core.gates import Gate, judge
-from vio_eval_ros.core.trajectory import Poses, Trajectory
+from vio_eval_ros.core.steps import step_lengths
+from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ReadError, WriteError
 from vio_eval_ros.evaluation.result import Input, Result
 from vio_eval_ros.live.monitor import Diagnosing
@@ -102,7 +103,10 @@ class LiveRun:
         if len(pairs) > 1:
             self._seen += len(pairs) - 1
             scale = self.evaluation.alignment().scale
-            off = np.abs(scale * strides(pairs.estimate) - strides(pairs.ground_truth))
+            moved, truly = (
+                step_lengths(side.positions) for side in (pairs.estimate, pairs.ground_truth)
+            )
+            off = np.abs(scale * moved - truly)
             k = int(off.argmax())
             if off[k] > max(MIN_JUMP_M, self._jump[1] if self._jump else 0.0):
                 self._jump = (int(pairs.estimate.stamps_ns[k + 1]), float(off[k]))
@@ -114,7 +118,9 @@ class LiveRun:
         if not len(estimate):
             return 0.0
         begin = estimate.stamps_ns[-1] - round(seconds * 1e9)
-        return float(strides(estimate[np.searchsorted(estimate.stamps_ns, begin) :]).sum())
+        return float(
+            step_lengths(estimate.positions[np.searchsorted(estimate.stamps_ns, begin) :]).sum()
+        )
 
     def waiting_for(self) -> str:
         """Return why there are no values yet, with the spans of what has arrived."""
@@ -238,8 +244,3 @@ def remove_report(folder: Path) -> None:
     for name in (*REPORT_FILES.values(), SERIES, ESTIMATE, GROUND_TRUTH):
         with suppress(OSError):
             (folder / name).unlink()
-
-
-def strides(trajectory: Trajectory) -> np.ndarray:
-    """Return the (N - 1,) metres from each pose to the next."""
-    return np.asarray(np.linalg.norm(np.diff(trajectory.positions, axis=0), axis=1))

@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from vio_eval_ros.core.rotation import conjugate, multiply, normalize, rotate, slerp
+from vio_eval_ros.core.interpolation import interpolated
+from vio_eval_ros.core.rotation import conjugate, multiply, normalize, rotate
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.messages import from_transform_stamped
@@ -172,15 +173,9 @@ def _rigid(poses: Poses) -> Rigid:
 
 def _interpolate(samples: Poses, stamps_ns: np.ndarray) -> Rigid:
     """Return the transforms at stamps within the time span of samples in order."""
-    translations, rotations = _rigid(samples)
+    known = _rigid(samples)
     if len(samples) == 1:
-        return Rigid(translations, rotations)
-    times = samples.stamps_ns
-    before = np.clip(np.searchsorted(times, stamps_ns, 'right') - 1, 0, len(times) - 2)
-    after = before + 1
-    weight = (stamps_ns - times[before]) / (times[after] - times[before])
-    step = translations[after] - translations[before]
-    return Rigid(
-        translations[before] + weight[:, None] * step,
-        slerp(rotations[before], rotations[after], weight),
-    )
+        return known
+    poses = interpolated(Poses(samples.stamps_ns, *known), stamps_ns)
+    assert poses.rotations is not None
+    return Rigid(poses.positions, poses.rotations)

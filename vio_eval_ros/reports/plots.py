@@ -11,6 +11,7 @@ import math
 import numpy as np
 
 from vio_eval_ros.core.config import Delta, plain
+from vio_eval_ros.core.intervals import longest_tracked
 from vio_eval_ros.core.metrics import (
     candidates,
     position_errors,
@@ -20,7 +21,7 @@ from vio_eval_ros.core.metrics import (
     RPE_KINDS,
     segment_errors,
 )
-from vio_eval_ros.core.rotation import lengths
+from vio_eval_ros.core.steps import jump_limit, step_errors
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.rendering.figures import (
@@ -103,7 +104,7 @@ class Course:
             pairs.ground_truth.positions,
             position_errors(pairs, alignment),
             rotation_errors(pairs, alignment),
-            max(result.config.max_gap_s, 3 * usual),
+            longest_tracked(result.config.max_gap_s, usual),
             most_points,
             result.truth,
         )
@@ -127,12 +128,12 @@ class Course:
         """By how much [m] a step must be off to be a jump."""
         if not len(self.steps):
             return MIN_JUMP_M
-        return max(MIN_JUMP_M, JUMP_OVER_P95 * float(np.quantile(self.steps, 0.95)))
+        return jump_limit(self.steps, MIN_JUMP_M, JUMP_OVER_P95, 0.95)
 
     @cached_property
     def steps(self) -> np.ndarray:
         """(N - 1,) metres by which the estimate moved otherwise than the ground truth."""
-        return lengths(np.diff(self.estimate - self.truth, axis=0))
+        return step_errors(self.estimate, self.truth)
 
     @cached_property
     def hottest(self) -> float:
@@ -263,7 +264,7 @@ def _outline(course: Course, names: str, kind: Figure) -> list[Figure]:
     chosen = np.unique(np.append(np.arange(0, len(stamps), stride), len(stamps) - 1))
     seconds = np.diff(stamps[chosen]) / 1e9
     usual = float(np.median(seconds)) if len(seconds) else 0.0
-    holes = np.flatnonzero(seconds > max(course.longest_s, 3 * usual)) + 1
+    holes = np.flatnonzero(seconds > longest_tracked(course.longest_s, usual)) + 1
     places = {
         axis: numbers(np.insert(positions[chosen, 'xyz'.index(name)], holes, math.nan))
         for axis, name in zip('xyz', names, strict=False)

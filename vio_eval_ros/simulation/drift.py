@@ -41,7 +41,7 @@ def estimate(truth: Trajectory, drift: Drift, source: np.random.Generator) -> Tr
     elapsed_s = (truth.stamps_ns - truth.stamps_ns[0]) / 1e9
     root_dt = np.sqrt(np.diff(elapsed_s))
     yaw_errors = np.append(0, np.cumsum(drift.yaw_walk * root_dt * source.standard_normal(n - 1)))
-    turns = about_z(yaw_errors)
+    turns = rotation.about_z(yaw_errors)
 
     scales = drift.scale + drift.scale_drift * elapsed_s[:-1, None] / 60
     steps = scales * rotation.rotate(turns[:-1], np.diff(truth.positions, axis=0))
@@ -54,7 +54,7 @@ def estimate(truth: Trajectory, drift: Drift, source: np.random.Generator) -> Tr
     rotations = rotation.multiply(rotation.from_rotation_vector(wobble), rotations)
 
     forward = rotation.rotate(truth.rotations[0], np.array([1.0, 0.0, 0.0]))
-    to_own_world = about_z(-np.arctan2(forward[1], forward[0]))
+    to_own_world = rotation.about_z(-np.arctan2(forward[1], forward[0]))
 
     # what the estimator knows of its errors: not that its scale is wrong, nor where yaw leads it
     variances = np.empty((n, 2, 3))
@@ -67,9 +67,3 @@ def estimate(truth: Trajectory, drift: Drift, source: np.random.Generator) -> Tr
         rotation.normalize(rotation.multiply(to_own_world, rotations)),
         variances[..., None] * np.eye(3),
     )
-
-
-def about_z(angles: np.ndarray) -> np.ndarray:
-    """Return the rotations about the vertical by angles [rad]."""
-    zero = np.zeros_like(angles)
-    return rotation.from_rotation_vector(np.stack([zero, zero, angles], axis=-1))

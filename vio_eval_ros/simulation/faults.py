@@ -16,9 +16,9 @@ import numpy as np
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.config import nearest_name
+from vio_eval_ros.core.steps import path_of_changed_steps
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.simulation.drift import about_z
 from vio_eval_ros.simulation.run import SimulatedRun
 
 # Takes poses, random numbers for what the sizes leave open, and the sizes.
@@ -59,15 +59,22 @@ def scaled(poses: Trajectory, source: np.random.Generator, factor: float) -> Tra
 def growing(poses: Trajectory, source: np.random.Generator, percent: float) -> Trajectory:
     """Return a run whose scale grows by some percent a minute; in the middle it is right."""
     minutes = (poses.stamps_ns - _middle_ns(poses)) / 60e9
-    return replace(poses, positions=_along(poses, scales=1 + percent / 100 * minutes))
+    return replace(
+        poses,
+        positions=path_of_changed_steps(poses.positions, factors=1 + percent / 100 * minutes),
+    )
 
 
 def yawing(poses: Trajectory, source: np.random.Generator, degrees: float) -> Trajectory:
     """Return a run whose heading runs away by some degrees a minute."""
     minutes = (poses.stamps_ns - poses.stamps_ns[0]) / 60e9
-    turns = about_z(math.radians(degrees) * minutes)
+    turns = rotation.about_z(math.radians(degrees) * minutes)
     rotations = rotation.multiply(turns, _rotations(poses))
-    return replace(poses, positions=_along(poses, turns=turns), rotations=rotations)
+    return replace(
+        poses,
+        positions=path_of_changed_steps(poses.positions, rotations=turns),
+        rotations=rotations,
+    )
 
 
 def turned(poses: Trajectory, source: np.random.Generator, degrees: float) -> Trajectory:
@@ -258,15 +265,3 @@ def _vector(source: np.random.Generator, length: float) -> np.ndarray:
 
 def _middle_ns(poses: Trajectory) -> int:
     return int(poses.stamps_ns[0] + poses.stamps_ns[-1]) // 2
-
-
-def _along(
-    poses: Trajectory, scales: np.ndarray | None = None, turns: np.ndarray | None = None
-) -> np.ndarray:
-    """Return the path whose steps are those of another, each stretched or turned."""
-    steps = np.diff(poses.positions, axis=0)
-    if scales is not None:
-        steps = steps * scales[:-1, None]
-    if turns is not None:
-        steps = rotation.rotate(turns[:-1], steps)
-    return np.concatenate([poses.positions[:1], poses.positions[:1] + np.cumsum(steps, axis=0)])

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.interpolation import between, interpolated, Interpolator
 from vio_eval_ros.core.trajectory import Trajectory
-from vio_eval_ros.diagnosis.interpolation import Interpolator
 
 
 def fly(stamps_ns: np.ndarray) -> Trajectory:
@@ -38,3 +38,19 @@ def test_nothing_is_known_in_gaps_and_outside():
         np.array([-1, 0, 15_000_000, 200_000_000, 500_000_000, 1_200_000_000, 1_300_000_001])
     )
     assert inside.tolist() == [False, True, True, True, False, True, False]
+
+
+def test_between_two_poses_both_ways_to_compute_positions_agree():
+    begin, end = fly(np.array([0, 5, 7])), fly(np.array([4, 9, 7]))
+    stamps_ns = np.array([1, 9, 7])
+    step, mean = (between(begin, end, stamps_ns, weighted=way) for way in (False, True))
+    np.testing.assert_allclose(step.positions, mean.positions, rtol=1e-15)
+    assert mean.positions[1:].tolist() == end.positions[1:].tolist()
+    assert step.rotations.tolist() == mean.rotations.tolist()
+
+
+def test_without_orientations_only_positions_are_interpolated():
+    line = Trajectory(np.array([0, 10]), np.array([[0.0, 0, 0], [10, 20, 30]]))
+    found = interpolated(line, np.array([-5, 0, 1, 15]))
+    assert found.positions.tolist() == [[0, 0, 0], [0, 0, 0], [1, 2, 3], [10, 20, 30]]
+    assert found.rotations is None

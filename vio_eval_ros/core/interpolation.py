@@ -1,14 +1,49 @@
-"""The true pose at any stamp."""
+"""Poses between those of a trajectory: positions on a line, rotations on the shorter arc."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from vio_eval_ros.core import rotation
-from vio_eval_ros.core.association import nanoseconds
-from vio_eval_ros.core.trajectory import Trajectory
+from vio_eval_ros.core.intervals import nanoseconds
+from vio_eval_ros.core.trajectory import Poses, Trajectory
 
+#: samples further apart are first made denser by cubic curves
 DENSE_S = 0.011
+
+
+def between(begin: Poses, end: Poses, stamps_ns: np.ndarray, weighted: bool = False) -> Trajectory:
+    """
+    Return the poses at stamps, row by row between two others.
+
+    :param begin: N poses at or before the stamps.
+    :param end: N poses at or after them.
+    :param stamps_ns: (N,) int64 nanoseconds.
+    :param weighted: compute positions as a weighted mean, which is exact at both ends, instead of
+        as a share of the step, which is not at the far one; the two differ by rounding only.
+    """
+    weight = (stamps_ns - begin.stamps_ns) / np.maximum(end.stamps_ns - begin.stamps_ns, 1)
+    share = weight[:, None]
+    if weighted:
+        positions = begin.positions * (1 - share) + end.positions * share
+    else:
+        positions = begin.positions + share * (end.positions - begin.positions)
+    rotations = None
+    if begin.rotations is not None and end.rotations is not None:
+        rotations = rotation.slerp(begin.rotations, end.rotations, weight)
+    return Trajectory(stamps_ns, positions, rotations)
+
+
+def interpolated(poses: Poses, stamps_ns: np.ndarray) -> Trajectory:
+    """
+    Return the poses at stamps; at stamps outside, those of the ends.
+
+    :param poses: at least two, in order of their stamps.
+    """
+    known = poses.stamps_ns
+    stamps_ns = np.asarray(stamps_ns).clip(known[0], known[-1])
+    before = (np.searchsorted(known, stamps_ns, side='right') - 1).clip(0, len(known) - 2)
+    return between(poses[before], poses[before + 1], stamps_ns)
 
 
 class Interpolator:
@@ -31,7 +66,7 @@ class Interpolator:
         self.interval_s = float(np.median(intervals)) / 1e9
         self._pieces = pieces = max(int(np.ceil(self.interval_s / DENSE_S)), 1)
         self._poses = trajectory if pieces < 2 else _refined(trajectory, pieces)
-        #: whether the interval behind each sample is too long to be interpolated over
+        #: whether the interval after each sample is too long to be interpolated over
         self._broken = np.repeat(intervals > self._gap_ns, pieces)
 
     def inside(self, stamps_ns: np.ndarray) -> np.ndarray:
@@ -46,16 +81,7 @@ class Interpolator:
 
     def at(self, stamps_ns: np.ndarray) -> Trajectory:
         """Return the poses at these stamps; outside the trajectory, those of its ends."""
-        known = self._poses.stamps_ns
-        stamps_ns = np.asarray(stamps_ns).clip(known[0], known[-1])
-        before = (np.searchsorted(known, stamps_ns, side='right') - 1).clip(0, len(known) - 2)
-        weight = (stamps_ns - known[before]) / (known[before + 1] - known[before])
-        begin, end = self._poses[before], self._poses[before + 1]
-        rotations = None
-        if begin.rotations is not None and end.rotations is not None:
-            rotations = rotation.slerp(begin.rotations, end.rotations, weight)
-        step = end.positions - begin.positions
-        return Trajectory(stamps_ns, begin.positions + weight[:, None] * step, rotations)
+        return interpolated(self._poses, stamps_ns)
 
 
 def _refined(poses: Trajectory, pieces: int) -> Trajectory:
