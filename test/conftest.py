@@ -11,6 +11,7 @@ import os
 from pathlib import Path
 import random
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -24,6 +25,13 @@ from rosbags.typesys import get_typestore, Stores
 
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.simulation import simulate
+
+# What `nohup make test &` ignores would be ignored in every process that a test starts: a handler
+# of Python's is not inherited.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+    signal.signal(signal.SIGHUP, lambda *_: None)
 
 ROOT = Path(__file__).resolve().parents[1]
 DOMAINS = range(61, 102)
@@ -292,9 +300,6 @@ class Window:
     def _notice(self, request: Any) -> None:
         if request.url != self._file.as_uri() and not request.url.startswith(('data:', 'blob:')):
             self._complaints.append(f'asked for {request.url}')
-
-
-IN_SIGHT = "[...document.querySelectorAll('.plot')].filter(box => box.checkVisibility())"
 
 
 @pytest.fixture

@@ -1,15 +1,15 @@
-"""`diagnose` as its users run it: a process with arguments, output and an exit status."""
+"""`diagnose` as its users run it: arguments in, output and an exit status out."""
 
 from dataclasses import replace
+from functools import partial
 import json
-import os
 from pathlib import Path
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 
+import verbs
+from verbs import start, transcript
 from vio_eval_ros.cli import replay
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.trajectory import Trajectory
@@ -20,28 +20,7 @@ from vio_eval_ros.simulation.faults import inject
 
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / 'demo' / 'simulated_flight'
-
-
-def diagnose(*arguments: object) -> subprocess.CompletedProcess:
-    environment = os.environ | {'PYTHONPATH': str(ROOT), 'PYTHONWARNINGS': 'error'}
-    return subprocess.run(
-        [sys.executable, '-m', 'vio_eval_ros', 'diagnose', *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        env=environment,
-        check=False,
-        timeout=120,
-    )
-
-
-def complaint(*arguments: object) -> str:
-    done = diagnose(*arguments)
-    assert done.returncode == 2, done.stdout + done.stderr
-    assert done.stdout == ''
-    assert done.stderr.startswith('diagnose: ')
-    assert done.stderr.count('\n') == 1, done.stderr
-    assert 'this is a bug' not in done.stderr
-    return done.stderr
+diagnose, complaint = (partial(how, 'diagnose') for how in (verbs.call, verbs.complaint))
 
 
 @pytest.fixture(scope='module')
@@ -79,8 +58,9 @@ def pair(folder: Path, name: str) -> list[str]:
 
 def test_nothing_is_unusual_about_the_demo():
     done = diagnose(DEMO)
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == 0, transcript(done)
     assert done.stdout.startswith('nothing unusual\n')
+    assert start('diagnose', DEMO).stdout == done.stdout  # in an interpreter of its own as well
 
 
 def test_a_late_estimate_gets_cause_evidence_advice_and_flags(flight):

@@ -1,43 +1,22 @@
-"""`imu_noise` as its users run it: a process with arguments, output and an exit status."""
+"""`imu_noise` as its users run it: arguments in, output and an exit status out."""
 
+from functools import partial
 import json
-import os
-from pathlib import Path
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
+from verbs import call, complaint, document, start, transcript
+from vio_eval_ros.cli import imu_noise as verb
 from vio_eval_ros.imu.simulate import EUROC, simulate_noise
 
 pytest.importorskip('allantools')
 
-ROOT = Path(__file__).resolve().parents[2]
 IMU = 'sensor_msgs/msg/Imu'
 RATE_HZ = 50.0
-
-
-def imu_noise(*arguments: object, hidden: str = '') -> subprocess.CompletedProcess:
-    """Run the verb; ``hidden`` is a library that is not to be found."""
-    verb = ['-m', 'vio_eval_ros']
-    if hidden:
-        verb = [
-            '-c',
-            f'import importlib.util as u, sys; found = u.find_spec; '
-            f'u.find_spec = lambda n, *rest: None if n == {hidden!r} else found(n, *rest); '
-            'from vio_eval_ros.__main__ import main; sys.exit(main(sys.argv[1:]))',
-        ]
-    return subprocess.run(
-        [sys.executable, *verb, 'imu_noise', *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        env=os.environ | {'PYTHONPATH': str(ROOT), 'PYTHONWARNINGS': 'error'},
-        check=False,
-        timeout=120,
-    )
+imu_noise = partial(call, 'imu_noise')
 
 
 @pytest.fixture(scope='module')
@@ -81,8 +60,9 @@ def test_a_recording_gives_a_table_and_the_files_asked_for(recording, tmp_path):
         'kalibr': tmp_path / 'imu.yaml',
         'json': tmp_path / 'noise.json',
     }
-    done = imu_noise(recording, *(f'--report={kind}:{path}' for kind, path in paths.items()))
-    assert (done.returncode, done.stderr) == (0, '')
+    reports = (f'--report={kind}:{path}' for kind, path in paths.items())
+    done = start('imu_noise', recording, *reports)
+    assert (done.returncode, done.stderr) == (0, ''), transcript(done)
     assert done.stdout.startswith(f'{recording}:/imu0: 90,000 samples, 0.5 h at 50 Hz\n')
     assert 'white noise density' in done.stdout
     assert paths['png'].read_bytes().startswith(b'\x89PNG')
@@ -92,20 +72,16 @@ def test_a_recording_gives_a_table_and_the_files_asked_for(recording, tmp_path):
 
 
 def test_recording_and_csv_give_the_same_figures(recording, file):
-    documents = []
-    for path in (recording, file):
-        done = imu_noise(path, '--json')
-        assert (done.returncode, done.stderr) == (0, '')
-        documents.append(json.loads(done.stdout))
+    documents = [document('imu_noise', path) for path in (recording, file)]
     assert documents[0]['axes'] == documents[1]['axes']
     density = documents[0]['axes']['gyro_x']['parameters']['white_noise_density']['value']
     assert density == pytest.approx(EUROC.gyro.density, rel=0.05)
 
 
 def test_a_unit_can_be_stated(file):
-    document = json.loads(imu_noise(file, '--json', '--gyro-unit', 'deg/s').stdout)
-    assert document['input']['units']['gyro'] == {'name': 'deg/s', 'known': 'stated'}
-    assert document['input']['units']['accel'] == {'name': 'm/s2', 'known': 'by default'}
+    units = document('imu_noise', file, '--gyro-unit', 'deg/s')['input']['units']
+    assert units['gyro'] == {'name': 'deg/s', 'known': 'stated'}
+    assert units['accel'] == {'name': 'm/s2', 'known': 'by default'}
 
 
 @pytest.mark.parametrize(
@@ -123,11 +99,8 @@ def test_a_unit_can_be_stated(file):
     ],
 )
 def test_what_cannot_be_done_is_one_line_and_status_2(recording, file, arguments, problem):
-    done = imu_noise(*(a.format(recording=recording, file=file) for a in arguments))
-    assert done.returncode == 2
-    assert done.stdout == ''
-    assert len(done.stderr.splitlines()) == 1
-    assert problem in done.stderr
+    given = (a.format(recording=recording, file=file) for a in arguments)
+    assert problem in complaint('imu_noise', *given)
 
 
 def test_a_kalibr_file_that_cannot_be_known_is_status_2_behind_the_result(file, tmp_path):
@@ -142,9 +115,7 @@ def test_a_kalibr_file_that_cannot_be_known_is_status_2_behind_the_result(file, 
 
 
 @pytest.mark.parametrize('library', ['allantools', 'matplotlib', 'plotly'])
-def test_a_missing_library_is_named_before_anything_is_read(library):
-    done = imu_noise(
-        'missing.csv', '--report', 'png:a.png', '--report', 'html:a.html', hidden=library
-    )
-    assert done.returncode == 2
-    assert f'pip install {library}' in done.stderr
+def test_a_missing_library_is_named_before_anything_is_read(library, monkeypatch):
+    monkeypatch.setattr(verb, 'find_spec', lambda name: None if name == library else name)
+    reports = ('--report=png:a.png', '--report=html:a.html')
+    assert f'pip install {library}' in complaint('imu_noise', 'missing.csv', *reports)

@@ -1,13 +1,11 @@
-"""`inspect` as its users run it: a process with arguments, output and an exit status."""
+"""`inspect` as its users run it: arguments in, output and an exit status out."""
 
 from collections.abc import Iterable, Sequence
+from functools import partial
 import json
-import os
 from pathlib import Path
 import re
 import shutil
-import subprocess
-import sys
 from typing import Any
 
 from mcap.reader import make_reader
@@ -21,6 +19,8 @@ from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 import yaml
 
+import verbs
+from verbs import start
 from vio_eval_ros.cli import inspect as verb
 from vio_eval_ros.inspection.expectations import PAIR_KEYS, STREAM_KEYS
 from vio_eval_ros.inspection.findings import CURES
@@ -32,35 +32,10 @@ FIRST_NS, SECONDS = 1_403_636_579_763_555_584, 12
 IMAGE, IMU = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/Imu'
 TF = 'tf2_msgs/msg/TFMessage'
 CAMERAS = ('/cam0/image_raw', '/cam1/image_raw')
+inspect, complaint, document = (
+    partial(how, 'inspect') for how in (verbs.call, verbs.complaint, verbs.document)
+)
 Timed = tuple[int, str, str, int, Any]  # recorded, topic, type, stamp, what it holds
-
-
-def inspect(*arguments: object) -> subprocess.CompletedProcess:
-    environment = os.environ | {'PYTHONPATH': str(ROOT), 'PYTHONWARNINGS': 'error'}
-    return subprocess.run(
-        [sys.executable, '-m', 'vio_eval_ros', 'inspect', *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        env=environment,
-        check=False,
-        timeout=120,
-    )
-
-
-def complaint(*arguments: object) -> str:
-    done = inspect(*arguments)
-    assert done.returncode == 2, done.stdout + done.stderr
-    assert done.stdout == ''
-    assert done.stderr.startswith('inspect: ')
-    assert done.stderr.count('\n') == 1, done.stderr
-    assert 'this is a bug' not in done.stderr
-    return done.stderr
-
-
-def document(*arguments: object, status: int = 0) -> dict[str, Any]:
-    done = inspect(*arguments, '--json')
-    assert done.returncode == status, done.stderr
-    return json.loads(done.stdout, parse_constant=lambda word: pytest.fail(word))
 
 
 def flight() -> list[Timed]:
@@ -165,6 +140,7 @@ def test_a_clean_recording_is_said_to_be_so(clean):
     assert done.returncode == 0, done.stderr
     assert 'nothing is wrong with the streams' in done.stdout
     assert done.stderr == ''
+    assert start('inspect', clean).stdout == done.stdout  # in an interpreter of its own as well
     found = document(clean)
     assert found['schema'] == 'vio_eval_ros.inspection/1'
     assert found['counts'] == {'info': 0, 'warn': 0, 'fail': 0}

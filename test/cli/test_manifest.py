@@ -1,46 +1,20 @@
 """Manifests as their users meet them: `--manifest` on two verbs, and `score --verify`."""
 
 import json
-import os
 from pathlib import Path
-import subprocess
-import sys
 
 import pytest
 
+from verbs import call, complaint, start
 from vio_eval_ros.rendering.text import tum
 from vio_eval_ros.simulation import simulate, write_recording
 
-ROOT = Path(__file__).resolve().parents[2]
 PAIR = ('--estimate', 'runs/a.tum', '--ground-truth', 'gt.tum')
 SUITE = """
 stack: {name: okvis, config: [vio.yaml]}
 sequences:
   - {name: V1_02, estimate: runs/*.tum, ground_truth: gt.tum}
 """
-
-
-def run(verb: str, *arguments: object, cwd: Path) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        [sys.executable, '-m', 'vio_eval_ros', verb, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        env=os.environ | {'PYTHONPATH': str(ROOT), 'PYTHONWARNINGS': 'error'},
-        cwd=cwd,
-        check=False,
-        timeout=120,
-    )
-
-
-def complaint(verb: str, *arguments: object, cwd: Path) -> str:
-    """Return the one line on stderr of a call that could not be done."""
-    done = run(verb, *arguments, cwd=cwd)
-    assert done.returncode == 2, done.stdout + done.stderr
-    assert done.stdout == ''
-    assert done.stderr.startswith(f'{verb}: ')
-    assert done.stderr.count('\n') == 1, done.stderr
-    assert 'this is a bug' not in done.stderr
-    return done.stderr
 
 
 @pytest.fixture
@@ -58,7 +32,7 @@ def lab(tmp_path) -> Path:
 
 
 def test_a_replay_is_reproduced_and_says_when_it_is_not(lab, tmp_path):
-    done = run(
+    done = call(
         'replay', *PAIR, '--manifest', 'm.json', '--sequence', 'V1_02', '--stack-name', 'okvis',
         '--stack-version', '2.1', '--stack-commit', '4f2a9c1', '--stack-config', 'vio.yaml',
         '--calibration', 'vio.yaml', '--gate', 'ate_trans_rmse_m<=1', '--json', cwd=lab,
@@ -71,13 +45,13 @@ def test_a_replay_is_reproduced_and_says_when_it_is_not(lab, tmp_path):
     assert list(content['texts'].values()) == ['keyframes: 5\n']
     assert sequence['runs'][0]['result'] == json.loads(done.stdout)
 
-    good = run('score', '--verify', lab / 'm.json', cwd=tmp_path)
+    good = start('score', '--verify', lab / 'm.json', cwd=tmp_path)  # in another process
     assert (good.returncode, good.stderr) == (0, '')
     assert good.stdout == 'reproduced to the last bit: 1 of 1 runs are as they were\n'
 
     (lab / 'runs/a.tum').write_bytes((lab / 'runs/b.tum').read_bytes())
     (lab / 'vio.yaml').write_text('keyframes: 7\n')
-    bad = run('score', '--verify', 'm.json', cwd=lab)
+    bad = call('score', '--verify', 'm.json', cwd=lab)
     assert (bad.returncode, bad.stderr) == (1, '')
     lines = bad.stdout.splitlines()
     assert lines[0] == 'V1_02, runs/a.tum: runs/a.tum has changed'
@@ -89,18 +63,18 @@ def test_a_replay_is_reproduced_and_says_when_it_is_not(lab, tmp_path):
 
 
 def test_the_name_of_a_sequence_is_by_default_that_of_its_file(lab):
-    assert run('replay', *PAIR, '--manifest', 'm.json', cwd=lab).returncode == 0
+    assert call('replay', *PAIR, '--manifest', 'm.json', cwd=lab).returncode == 0
     assert json.loads((lab / 'm.json').read_text())['sequences'][0]['name'] == 'gt'
 
 
 def test_a_suite_writes_its_manifest_where_it_or_the_user_says(lab):
-    assert run('score', 'suite.yaml', '--manifest', 'm.json', cwd=lab).returncode == 0
+    assert call('score', 'suite.yaml', '--manifest', 'm.json', cwd=lab).returncode == 0
     (lab / 'results').mkdir()
     with (lab / 'suite.yaml').open('a') as file:
         file.write('manifest: results/manifest.json\n')
-    assert run('score', 'lab/suite.yaml', cwd=lab.parent).returncode == 0
+    assert call('score', 'lab/suite.yaml', cwd=lab.parent).returncode == 0
     for manifest in ('m.json', 'results/manifest.json'):
-        done = run('score', '--verify', manifest, cwd=lab)
+        done = call('score', '--verify', manifest, cwd=lab)
         assert (done.returncode, done.stderr) == (0, '')
         assert '2 of 2 runs are as they were' in done.stdout
     content = json.loads((lab / 'results/manifest.json').read_text())
@@ -110,7 +84,7 @@ def test_a_suite_writes_its_manifest_where_it_or_the_user_says(lab):
 
 def test_a_suite_has_the_same_manifest_with_any_number_of_processes(lab):
     for jobs, name in ((1, 'one.json'), (2, 'two.json')):
-        done = run('score', 'suite.yaml', '--jobs', jobs, '--manifest', name, cwd=lab)
+        done = call('score', 'suite.yaml', '--jobs', jobs, '--manifest', name, cwd=lab)
         assert done.returncode == 0, done.stderr
     assert (lab / 'one.json').read_bytes() == (lab / 'two.json').read_bytes()
 
@@ -184,20 +158,20 @@ def test_a_suite_with_such_a_manifest_is_not_scored_first(lab, line, problem):
 def test_a_manifest_that_cannot_be_written_does_not_lose_the_result(lab):
     (lab / 'taken').mkdir()
     for verb, arguments in (('replay', PAIR), ('score', ['suite.yaml'])):
-        done = run(verb, *arguments, '--manifest', 'taken', cwd=lab)
+        done = call(verb, *arguments, '--manifest', 'taken', cwd=lab)
         assert done.returncode == 2
         assert 'ATE' in done.stdout
         assert 'taken: cannot write' in done.stderr
 
 
 def test_names_in_a_manifest_cannot_move_the_cursor(lab):
-    assert run('replay', *PAIR, '--manifest', 'm.json', cwd=lab).returncode == 0
+    assert call('replay', *PAIR, '--manifest', 'm.json', cwd=lab).returncode == 0
     content = json.loads((lab / 'm.json').read_text())
     content['sequences'][0]['name'] = 'a\x1b[2J\nb'
     content['machine']['numpy'] = '\x1b]0;title\x07'
     content['sequences'][0]['runs'][0]['result']['metrics']['ate_trans_rmse_m'] = '\x1b[31m'
     (lab / 'm.json').write_text(json.dumps(content))
-    done = run('score', '--verify', 'm.json', cwd=lab)
+    done = call('score', '--verify', 'm.json', cwd=lab)
     assert done.returncode == 1
     assert '\x1b' not in done.stdout
     assert '\x07' not in done.stdout
@@ -206,10 +180,10 @@ def test_names_in_a_manifest_cannot_move_the_cursor(lab):
 
 def test_a_real_run_is_reproduced_from_its_recording(shared_data, tmp_path):
     recording = shared_data / 'derived_bags/euroc_V1_02_vins_fusion_sqlite3'
-    done = run('replay', recording, '--manifest', 'm.json', '--json', cwd=tmp_path)
+    done = call('replay', recording, '--manifest', 'm.json', '--json', cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     run_of = json.loads((tmp_path / 'm.json').read_text())['sequences'][0]['runs'][0]
     assert run_of['estimate']['spec'] == f'{recording}:/vio/odometry'
-    again = run('score', '--verify', 'm.json', cwd=tmp_path)
+    again = call('score', '--verify', 'm.json', cwd=tmp_path)
     assert again.returncode == 0, again.stdout
     assert 'reproduced to the last bit' in again.stdout

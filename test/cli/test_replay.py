@@ -1,15 +1,15 @@
-"""`replay` as its users run it: a process with arguments, output and an exit status."""
+"""`replay` as its users run it: arguments in, output and an exit status out."""
 
 import csv
+from functools import partial
 import json
 import math
-import os
 from pathlib import Path
-import subprocess
-import sys
 
 import pytest
 
+import verbs
+from verbs import shell, start, transcript
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.rendering.text import tum
 from vio_eval_ros.simulation import simulate, write_recording
@@ -17,38 +17,9 @@ from vio_eval_ros.simulation import simulate, write_recording
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / 'demo' / 'simulated_flight'
 V1_02 = 'derived_bags/euroc_V1_02_vins_fusion'
-
-
-def replay(*arguments: object, cwd: Path | None = None) -> subprocess.CompletedProcess:
-    environment = os.environ | {'PYTHONPATH': str(ROOT), 'PYTHONWARNINGS': 'error'}
-    return subprocess.run(
-        [sys.executable, '-m', 'vio_eval_ros', 'replay', *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        env=environment,
-        cwd=cwd,
-        check=False,
-        timeout=120,
-    )
-
-
-def result(*arguments: object) -> dict:
-    done = replay(*arguments, '--json')
-    assert done.returncode == 0, done.stderr
-    assert done.stderr == ''
-    return json.loads(done.stdout)
-
-
-def complaint(*arguments: object, **options: Path) -> str:
-    """Return the one line on stderr of a call that could not be done."""
-    done = replay(*arguments, **options)
-    assert done.returncode == 2, done.stdout + done.stderr
-    assert done.stdout == ''
-    assert done.stderr.startswith('replay: ')
-    assert done.stderr.count('\n') == 1, done.stderr
-    assert 'Traceback' not in done.stderr
-    assert 'this is a bug' not in done.stderr
-    return done.stderr
+replay, result, complaint = (
+    partial(how, 'replay') for how in (verbs.call, verbs.document, verbs.complaint)
+)
 
 
 @pytest.fixture(scope='module')
@@ -269,18 +240,14 @@ def test_a_row_of_the_series_is_the_result_of_the_run_up_to_there(flight, tmp_pa
     )
 
 
-def test_a_pipe_that_closes_is_no_error(flight):
-    command = (
-        f'{sys.executable} -m vio_eval_ros replay {" ".join(pair(flight))} --json | head -c 1'
-    )
-    done = subprocess.run(
-        ['bash', '-c', command],
-        capture_output=True,
-        text=True,
-        check=False,
-        env=os.environ | {'PYTHONPATH': str(ROOT)},
-        timeout=120,
-    )
+def test_it_runs_in_an_interpreter_of_its_own(flight):
+    done = start('replay', *pair(flight), '--json')
+    assert (done.returncode, done.stderr) == (0, '')
+    assert json.loads(done.stdout) == result(*pair(flight))
+
+
+def test_a_pipe_that_closes_is_not_an_error(flight):
+    done = shell(f'vio_eval replay {" ".join(pair(flight))} --json | head -c 1')
     assert done.stdout == '{'
     assert done.stderr == ''
 
@@ -380,15 +347,8 @@ def test_no_report_overwrites_an_input_or_another_report(flight, tmp_path):
 
 
 def test_reports_are_written_though_nobody_reads_the_output(flight, tmp_path):
-    command = f'{sys.executable} -m vio_eval_ros replay {" ".join(pair(flight))}'
-    done = subprocess.run(
-        ['bash', '-c', f'{command} --report json:{tmp_path}/x.json > /dev/full'],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-        env=os.environ | {'PYTHONPATH': str(ROOT)},
-    )
+    options = f'{" ".join(pair(flight))} --report json:{tmp_path}/x.json'
+    done = shell(f'vio_eval replay {options} > /dev/full')
     assert 'No space left' in done.stderr
     assert 'bug' not in done.stderr
     assert json.loads((tmp_path / 'x.json').read_text())['association']['pairs'] == 400
@@ -413,20 +373,12 @@ def test_no_scale_makes_up_for_a_truth_that_stands_still(flight, tmp_path, align
 
 
 def test_nobody_has_to_listen_to_stderr(flight):
-    verb = f'{sys.executable} -m vio_eval_ros replay'
     for command, status in (
-        (f'{verb} {" ".join(pair(flight))} 2>&-', 0),
-        (f'{verb} --estimate nowhere --ground-truth nowhere 2>/dev/full', 2),
+        (f'vio_eval replay {" ".join(pair(flight))} 2>&-', 0),
+        ('vio_eval replay --estimate nowhere --ground-truth nowhere 2>/dev/full', 2),
     ):
-        done = subprocess.run(
-            ['bash', '-c', command],
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=120,
-            env=os.environ | {'PYTHONPATH': str(ROOT)},
-        )
-        assert done.returncode == status, done.stdout
+        done = shell(command)
+        assert done.returncode == status, transcript(done)
         assert 'bug' not in done.stdout
 
 

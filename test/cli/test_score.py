@@ -1,5 +1,6 @@
-"""`score` as its users run it: a process with a suite, output, reports and an exit status."""
+"""`score` as its users run it: a suite in; output, reports and an exit status out."""
 
+from functools import partial
 import json
 import os
 from pathlib import Path
@@ -7,17 +8,19 @@ import resource
 import signal
 import subprocess
 import sys
-from typing import Any
 
 import pytest
 
+import verbs
+from verbs import COMMAND, start, transcript
 from vio_eval_ros.rendering.text import tum
 from vio_eval_ros.scoring.documents import SUITE_REPORTS
 from vio_eval_ros.simulation import Drift, simulate, write_recording
 
 ROOT = Path(__file__).resolve().parents[2]
-SCORE = [sys.executable, '-m', 'vio_eval_ros', 'score']
-ENVIRONMENT = os.environ | {'PYTHONPATH': str(ROOT), 'PYTHONWARNINGS': 'error'}
+score, result, complaint = (
+    partial(how, 'score') for how in (verbs.call, verbs.document, verbs.complaint)
+)
 ATE = 'ate_trans_rmse_m'
 # as evo does by default
 LIKE_EVO = (
@@ -33,35 +36,6 @@ GOLDEN = {
     'rpe_1f_trans_rmse_m': ('rpe_1f_trans', 'rmse'),
     'rpe_10f_rot_rmse_deg': ('rpe_10f_rot_deg', 'rmse'),
 }
-
-
-def score(*arguments: object, **options: Any) -> subprocess.CompletedProcess:
-    return subprocess.run(
-        [*SCORE, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-        **{'env': ENVIRONMENT} | options,
-    )
-
-
-def result(*arguments: object, status: int = 0) -> dict[str, Any]:
-    done = score(*arguments, '--json')
-    assert done.returncode == status, done.stderr
-    assert done.stderr == ''
-    return json.loads(done.stdout)
-
-
-def complaint(*arguments: object, **options: Any) -> str:
-    """Return the one line on stderr of a call that could not be done."""
-    done = score(*arguments, **options)
-    assert done.returncode == 2, done.stdout + done.stderr
-    assert done.stdout == ''
-    assert done.stderr.startswith('score: ')
-    assert done.stderr.count('\n') == 1, done.stderr
-    assert 'this is a bug' not in done.stderr
-    return done.stderr
 
 
 @pytest.fixture(scope='module')
@@ -325,8 +299,8 @@ def test_every_report_is_written_and_twice_the_same(flights, baseline, tmp_path)
     for k, jobs in enumerate((1, 2, 2)):
         reports = [f'--report={kind}:{tmp_path}/{k}.{kind}' for kind in kinds]
         given = (flights / 'worse.yaml', '--baseline', baseline, '--jobs', jobs, *reports)
-        done = score(*given, env=ENVIRONMENT | {'PYTHONHASHSEED': str(k)})
-        assert (done.returncode, done.stderr) == (1, '')
+        done = start('score', *given, env={'PYTHONHASHSEED': str(k)})
+        assert (done.returncode, done.stderr) == (1, ''), transcript(done)
     assert len(list(tmp_path.iterdir())) == 3 * len(kinds)
     for kind in kinds:
         texts = {(tmp_path / f'{k}.{kind}').read_bytes() for k in range(3)}
@@ -364,7 +338,8 @@ def test_a_baseline_that_cannot_be_written_loses_nothing_else(flights, tmp_path)
 def test_on_a_full_disk_the_reports_of_before_stay_whole(flights, tmp_path):
     for name in ('out.json', 'baseline.json'):
         (tmp_path / name).write_text('of before')
-    done = score(
+    done = start(
+        'score',
         flights / 'equal.yaml',
         f'--report=json:{tmp_path}/out.json',
         f'--report=markdown:{tmp_path}/out.md',
@@ -390,15 +365,8 @@ def test_a_run_whose_process_dies_is_the_only_loss(flights):
         'scoring.read_sources = dying\n'
         'sys.exit(main(sys.argv[1:]))\n'
     )
-    done = subprocess.run(
-        [sys.executable, '-c', program, str(flights / 'equal.yaml')],
-        capture_output=True,
-        text=True,
-        env=ENVIRONMENT,
-        check=False,
-        timeout=120,
-    )
-    assert done.returncode == 1, done.stderr
+    done = verbs.run([sys.executable, '-c', program, str(flights / 'equal.yaml')])
+    assert done.returncode == 1, transcript(done)
     assert done.stderr == ''
     assert 'a: equal/2.tum: the process that scored it died: Aborted' in done.stdout
     assert 'a: FAIL success_rate is 0.8, the gate is success_rate>=1' in done.stdout
@@ -408,11 +376,11 @@ def test_ctrl_c_ends_it_in_one_line_and_leaves_no_process(flights, tmp_path):
     pipe = tmp_path / 'pipe.tum'
     os.mkfifo(pipe)
     process = subprocess.Popen(
-        [*SCORE, str(flights / 'equal.yaml'), '--set', f'sequences.a.estimate={pipe}'],
+        [*COMMAND, 'score', str(flights / 'equal.yaml'), '--set', f'sequences.a.estimate={pipe}'],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        env=ENVIRONMENT,
+        cwd=ROOT,
         start_new_session=True,
     )
     with pipe.open('wb'):  # opens when the process that scores has opened it to read

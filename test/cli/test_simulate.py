@@ -1,50 +1,33 @@
-"""`simulate` as its users run it: a process with arguments, output and an exit status."""
+"""`simulate` as its users run it: arguments in, output and an exit status out."""
 
-import json
-import os
 from pathlib import Path
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 
+from verbs import call, complaint, document, start, transcript
 from vio_eval_ros.imu.simulate import EUROC
 from vio_eval_ros.rendering.text import tum
 from vio_eval_ros.simulation import FAULTS, simulate
 from vio_eval_ros.simulation.recording import KINDS
 
-ROOT = Path(__file__).resolve().parents[2]
 NOISE = """gyroscope_noise_density: 2.0e-4
 gyroscope_random_walk: 3.0e-5
 accelerometer_noise_density: 4.0e-3
 accelerometer_random_walk: 5.0e-3
 """
-
-
-def verb(*arguments: object) -> subprocess.CompletedProcess:
-    environment = os.environ | {'PYTHONPATH': str(ROOT), 'PYTHONWARNINGS': 'error'}
-    return subprocess.run(
-        [sys.executable, '-m', 'vio_eval_ros', *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        env=environment,
-        check=False,
-        timeout=120,
-    )
+FIVE_SECONDS = ('--duration-s', 5, '--fault', 'outliers=0.05,1')
 
 
 def simulated(*arguments: object) -> str:
     """Return what is printed where all goes well."""
-    done = verb('simulate', *arguments)
-    assert (done.returncode, done.stderr) == (0, ''), done.stderr
+    done = call('simulate', *arguments)
+    assert (done.returncode, done.stderr) == (0, ''), transcript(done)
     return done.stdout
 
 
 def ate_m(*arguments: object) -> float:
-    done = verb('replay', *arguments, '--json')
-    assert done.returncode == 0, done.stderr
-    return json.loads(done.stdout)['metrics']['ate_trans_rmse_m']
+    return document('replay', *arguments)['metrics']['ate_trans_rmse_m']
 
 
 @pytest.fixture(scope='module')
@@ -78,7 +61,7 @@ def test_diagnose_names_what_was_put_in(tmp_path):
     out = tmp_path / 'run.mcap'
     printed = simulated(out, '--fault', 'time_offset=0.08', '--fault', 'lever_arm=0.3')
     assert printed.endswith('faults: time_offset=0.08, lever_arm=0.3\n')
-    causes = json.loads(verb('diagnose', out, '--json').stdout)['causes']
+    causes = document('diagnose', out)['causes']
     assert {cause['name'] for cause in causes} == {'time_offset', 'lever_arm'}
 
 
@@ -86,11 +69,15 @@ def test_the_same_command_writes_the_same_bytes_and_another_seed_others(tmp_path
     def bytes_of(name: str, *more: object) -> bytes:
         out = tmp_path / name / 'run.mcap'  # which has its own name in it
         out.parent.mkdir()
-        simulated(out, '--duration-s', 5, '--fault', 'outliers=0.05,1', *more)
+        simulated(out, *FIVE_SECONDS, *more)
         return out.read_bytes()
 
     first = bytes_of('first')
     assert bytes_of('second') == first
+    started = tmp_path / 'started' / 'run.mcap'
+    started.parent.mkdir()
+    assert start('simulate', started, *FIVE_SECONDS).returncode == 0
+    assert started.read_bytes() == first
     assert bytes_of('other', '--seed', 8) != first
 
 
@@ -102,11 +89,8 @@ def test_a_real_run_is_harmed_and_its_truth_kept(flight, tmp_path):
     )
     kept, given = (np.loadtxt(path) for path in (out / 'ground_truth.tum', flight / 'gt.txt'))
     np.testing.assert_allclose(kept, given, rtol=0, atol=2e-9)  # quaternions are normalised
-    found = verb(
-        *('diagnose', '--estimate', out / 'estimate.tum'),
-        *('--ground-truth', out / 'ground_truth.tum', '--json'),
-    )
-    (cause,) = json.loads(found.stdout)['causes']
+    both = ('--estimate', out / 'estimate.tum', '--ground-truth', out / 'ground_truth.tum')
+    (cause,) = document('diagnose', *both)['causes']
     assert cause['name'] == 'sensor_rotation'
     assert cause['value'] == pytest.approx(20, abs=0.5)
 
@@ -122,8 +106,7 @@ def test_a_real_run_without_faults_and_truth_is_only_converted(flight, tmp_path)
 def test_an_estimate_without_drift_is_the_truth(tmp_path):
     out = tmp_path / 'run.mcap'
     simulated(out, '--duration-s', 10, '--drift', 'none', '--drift', 'scale=0.8')
-    done = verb('replay', out, '--association', 'interpolate', '--json')
-    metrics = json.loads(done.stdout)['metrics']
+    metrics = document('replay', out, '--association', 'interpolate')['metrics']
     assert metrics['ate_sim3_trans_rmse_m'] < 1e-4  # what interpolation leaves
     assert metrics['sim3_scale'] == pytest.approx(1 / 0.8, abs=1e-4)
 
@@ -134,7 +117,7 @@ def test_imu_noise_finds_the_densities_of_a_record_at_rest(tmp_path):
     more = ('--gyro-noise-density', 5e-4, '--gyro-random-walk', 0)
     printed = simulated(out, '--still', '--duration-s', 600, *more)
     assert printed == f'{out} (mcap): 120,000 IMU samples\nfaults: none\n'
-    axes = json.loads(verb('imu_noise', out, '--json').stdout)['axes']
+    axes = document('imu_noise', out)['axes']
     for name, axis in axes.items():
         expected = 5e-4 if name.startswith('gyro') else EUROC.accel.density
         found = axis['parameters']['white_noise_density']['value']
@@ -191,16 +174,13 @@ def test_noise_is_that_of_a_calibration_file(tmp_path, content):
 )
 def test_what_cannot_be_done_is_one_line_and_status_2(flight, tmp_path, arguments, problem):
     out = tmp_path / 'run'
-    done = verb('simulate', *(each.format(out=out, flight=flight) for each in arguments))
-    assert (done.returncode, done.stdout) == (2, '')
-    assert done.stderr.startswith('simulate: ')
-    assert done.stderr.count('\n') == 1, done.stderr
-    assert problem in done.stderr
+    given = (each.format(out=out, flight=flight) for each in arguments)
+    assert problem in complaint('simulate', *given)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_the_help_lists_every_fault():
-    printed = verb('simulate', '--help').stdout
+    printed = call('simulate', '--help').stdout
     for name, fault in FAULTS.items():
         assert f'  {name}' in printed
         assert fault.does in printed
@@ -215,5 +195,5 @@ def test_a_fault_of_a_real_run_is_named_from_the_shared_data(shared_data, tmp_pa
     )
     assert 'V102.txt: 4 poses left out: duplicate\n' in printed
     both = ('--estimate', out / 'estimate.tum', '--ground-truth', out / 'ground_truth.tum')
-    causes = json.loads(verb('diagnose', *both, '--json').stdout)['causes']
+    causes = document('diagnose', *both)['causes']
     assert [cause['name'] for cause in causes] == ['time_offset']

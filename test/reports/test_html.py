@@ -5,16 +5,15 @@ from dataclasses import replace
 import hashlib
 import json
 import math
-import os
 from pathlib import Path
 import re
-import subprocess
 import sys
 
 import numpy as np
 import plotly.graph_objects as go
 import pytest
 
+from verbs import start, transcript
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.gates import Gate, judge
@@ -185,14 +184,10 @@ def test_every_report_is_the_same_in_another_process(tmp_path):
         rows = np.column_stack([poses.stamps_ns / 1e9, poses.positions, poses.rotations])
         np.savetxt(file, rows, '%.9f')
     for seed in ('1', '2'):
-        command = [sys.executable, '-m', 'vio_eval_ros', 'replay', '--estimate', str(estimate)]
-        command += ['--ground-truth', str(truth)]
-        command += [f'--report={kind}:{tmp_path}/{seed}.{kind}' for kind in REPORTS]
-        environment = os.environ | {'PYTHONHASHSEED': seed}
-        done = subprocess.run(
-            command, env=environment, capture_output=True, text=True, check=False
-        )
-        assert done.returncode == 0, done.stderr
+        files = ('--estimate', estimate, '--ground-truth', truth)
+        reports = (f'--report={kind}:{tmp_path}/{seed}.{kind}' for kind in REPORTS)
+        done = start('replay', *files, *reports, env={'PYTHONHASHSEED': seed})
+        assert done.returncode == 0, transcript(done)
     for kind in REPORTS:
         one, other = ((tmp_path / f'{seed}.{kind}').read_bytes() for seed in ('1', '2'))
         assert one == other, kind
