@@ -8,6 +8,7 @@ Everything that can go wrong for a reason the user can mend.
     │   └── UnsupportedMessage     a topic whose messages carry no pose
     ├── NoPairs                two trajectories that share no instant
     ├── WriteError             a report that cannot be written
+    ├── InputError             an array or DataFrame of a wrong shape, type or value
     └── ConfigError            an option, gate or parameter that makes no sense
 
 A message is one line that names its subject and says what to do. Only the command lines and the
@@ -49,6 +50,10 @@ class NoPairs(VioEvalError):
 
 class ConfigError(VioEvalError):
     """An option has a value that is not allowed; the message says which values are."""
+
+
+class InputError(VioEvalError, ValueError):
+    """An array or DataFrame is not what was expected; the message says what was, and what came."""
 
 
 class WriteError(VioEvalError):

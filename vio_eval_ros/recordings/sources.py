@@ -29,6 +29,8 @@ from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.text import read_text, STAMP_UNITS, TextFile
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from vio_eval_ros.recordings.bags import Read, Recording
 
 RECORDING_SUFFIXES = ('.bag', '.db3', '.mcap')
@@ -97,13 +99,13 @@ class Spec(NamedTuple):
         return Path(body), None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False, repr=False)
 class Source:
     """
     Poses as they were recorded, and where they come from.
 
     :param spec: as the user wrote it.
-    :param kind: tum, euroc, kitti, ros1, rosbag2 or mcap.
+    :param kind: tum, euroc, kitti, ros1, rosbag2, mcap or arrays.
     :param paths: the files that hold them, in order.
     :param zero_stamps: False where a stamp of 0 means that there was no clock yet.
     :param warnings: what was taken for granted, in sentences.
@@ -117,6 +119,50 @@ class Source:
     zero_stamps: bool
     warnings: tuple[str, ...] = ()
     causal: Poses | None = None
+
+    def __len__(self) -> int:
+        """Return the number of poses."""
+        return len(self.poses)
+
+    @property
+    def stamps_ns(self) -> np.ndarray:
+        """(N,) int64 nanoseconds, in the order in which they were recorded."""
+        return self.poses.stamps_ns
+
+    @property
+    def positions(self) -> np.ndarray:
+        """(N, 3) float64 metres, world frame."""
+        return self.poses.positions
+
+    @property
+    def rotations(self) -> np.ndarray | None:
+        """(N, 4) float64 quaternions x y z w, body to world; None where they are unknown."""
+        return self.poses.rotations
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """
+        Return the poses as a DataFrame with columns x y z qx qy qz qw, indexed by stamp [ns].
+
+        Without orientations the columns are x y z.
+
+        :raises ConfigError: pandas is not installed.
+        """
+        try:
+            from pandas import DataFrame, Index
+        except ImportError:
+            raise ConfigError(
+                "a DataFrame needs pandas: pip install 'vio_eval_ros[pandas]'"
+            ) from None
+        columns = dict(zip('xyz', self.positions.T, strict=True))
+        if self.rotations is not None:
+            columns |= zip(('qx', 'qy', 'qz', 'qw'), self.rotations.T, strict=True)
+        return DataFrame(columns, index=Index(self.stamps_ns, name='stamp_ns'))
+
+    def __repr__(self) -> str:
+        """Return what it is in a line."""
+        seconds = float(np.ptp(self.stamps_ns)) / 1e9 if len(self) else 0.0
+        only = '' if self.rotations is not None else ', positions only'
+        return f'<Source {self.spec} ({self.kind}): {len(self):,} poses, {seconds:.4g} s{only}>'
 
     def revising(self, first: Source) -> Source:
         """Return the source as what revises another, which was published first."""

@@ -16,25 +16,32 @@ from vio_eval_ros.rendering.text import formatted, number, tum
 from vio_eval_ros.reports.text import rows
 
 
-def csv_report(result: Result) -> str:
-    """Return the stamps, as recorded, and errors of each pair; what is unknown is empty."""
+def pair_errors(result: Result) -> dict[str, np.ndarray]:
+    """
+    Return the errors of the N pairs in columns, under the alignment of the result.
+
+    Stamps are int64 nanoseconds as recorded, without the time offset; ``error_x_m`` and so on are
+    the aligned estimate minus the ground truth, in the world of the ground truth. Rotation errors
+    are NaN where they are not known.
+    """
     pairs, alignment = result.summary.pairs, result.summary.alignment
     difference = alignment.positions(pairs.estimate.positions) - pairs.ground_truth.positions
-    errors = np.column_stack(
-        [position_errors(pairs, alignment), rotation_errors(pairs, alignment), difference]
-    )
-    table = formatted(errors, '%.9g,%.9g,%.9g,%.9g,%.9g').replace('nan', '').splitlines()
-    stamps = zip(
-        (pairs.estimate.stamps_ns - round(result.estimate.offset_s * 1e9)).tolist(),
-        pairs.ground_truth.stamps_ns.tolist(),
-        table,
-        strict=True,
-    )
-    return (
-        'estimate_stamp_ns,ground_truth_stamp_ns,ate_trans_m,ate_rot_deg,'
-        'error_x_m,error_y_m,error_z_m\n'
-        + ''.join(f'{estimate},{truth},{row}\n' for estimate, truth, row in stamps)
-    )
+    return {
+        'estimate_stamp_ns': pairs.estimate.stamps_ns - round(result.estimate.offset_s * 1e9),
+        'ground_truth_stamp_ns': pairs.ground_truth.stamps_ns,
+        'ate_trans_m': position_errors(pairs, alignment),
+        'ate_rot_deg': rotation_errors(pairs, alignment),
+        **{f'error_{axis}_m': difference[:, k] for k, axis in enumerate('xyz')},
+    }
+
+
+def csv_report(result: Result) -> str:
+    """Return the stamps, as recorded, and errors of each pair; what is unknown is empty."""
+    columns = pair_errors(result)
+    estimate, truth, *errors = columns.values()
+    table = formatted(np.column_stack(errors), '%.9g,%.9g,%.9g,%.9g,%.9g').replace('nan', '')
+    stamps = zip(estimate.tolist(), truth.tolist(), table.splitlines(), strict=True)
+    return ''.join([','.join(columns), '\n', *(f'{e},{t},{row}\n' for e, t, row in stamps)])
 
 
 def tum_report(result: Result) -> str:
