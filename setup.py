@@ -9,6 +9,7 @@ from vio_eval_ros.__main__ import VERBS
 NAME = 'vio_eval_ros'
 IMAGES = ['Pillow']
 IMU = ['allantools', 'matplotlib', 'plotly']
+PANDAS = ['pandas']
 REPORT = ['plotly']
 # ROS 2 Jazzy where none is installed; rclpy does not start without the second
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-rmw-fastrtps-cpp', 'ros-jazzy-common-interfaces']
@@ -48,20 +49,25 @@ setup(
     extras_require={
         'images': IMAGES,
         'imu': IMU,
+        'pandas': PANDAS,
         'report': REPORT,
         'ros': ROS,
         'test': [
             *IMAGES,
             *IMU,
+            *PANDAS,
             *REPORT,
             *ROS,
             'colcon-common-extensions',
             # the oracle; its newest releases need Python 3.11
             'evo==1.38.1; python_version >= "3.11"',
             'hypothesis',
+            'ipykernel',
             'jsonschema',
             'markdown-it-py',
             'mypy',
+            'nbclient',
+            'nbformat',
             'playwright',
             'pytest',
             'pytest-xdist',

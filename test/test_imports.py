@@ -34,6 +34,7 @@ LAYERS = {
     'scoring': {'core', 'evaluation', 'recordings', 'rendering', 'reports', 'settings'},
     'live': {'core', 'diagnosis', 'evaluation', 'recordings', 'rendering', 'reports'},
 }
+LAYERS['api'] = LAYERS['live'] | {'imu', 'inspection'}
 SHELLS = {'ros', 'cli', '__main__', PACKAGE}
 ONLY_IN = {
     'rclpy': ('ros.',),

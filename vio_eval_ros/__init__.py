@@ -16,15 +16,9 @@ from typing import Any, TYPE_CHECKING
 from vio_eval_ros.version import __version__
 
 if TYPE_CHECKING:
-    from vio_eval_ros.api import (
-        evaluate,
-        EvaluationConfig,
-        Gate,
-        read,
-        Result,
-        Source,
-        trajectory,
-    )
+    from vio_eval_ros.api import evaluate, read, Result, trajectory
+    from vio_eval_ros.core.config import EvaluationConfig
+    from vio_eval_ros.core.gates import Gate
     from vio_eval_ros.errors import (
         ConfigError,
         InputError,
@@ -34,6 +28,7 @@ if TYPE_CHECKING:
         VioEvalError,
         WriteError,
     )
+    from vio_eval_ros.recordings.sources import Source
 
 __all__ = [
     'ConfigError',
