@@ -209,7 +209,7 @@ class _Estimate(NamedTuple):
 
 def _estimate(curve: Curve, used: np.ndarray, kept: list[int]) -> _Estimate:
     """Return the least-squares estimate of some terms; its weights depend on the result."""
-    terms, found = _basis(curve)[np.ix_(used, kept)], curve.variances[used]
+    terms, found = _basis(curve)[np.ix_(used, np.array(kept))], curve.variances[used]
     squares, spreads = np.zeros(3), np.zeros(3)
     gain = _gain(terms, found)
     for _ in range(5):
@@ -232,7 +232,7 @@ def _gain(terms: np.ndarray, errors: np.ndarray) -> np.ndarray:
 def _stands_out(curve: Curve, used: np.ndarray, without: _Estimate, term: int) -> bool:
     """Return whether a further term is more than chance would make of those of an estimate."""
     found, inside = curve.variances[used], without.covariance[np.ix_(used, used)]
-    terms = _basis(curve)[np.ix_(used, [*without.kept, term])]
+    terms = _basis(curve)[np.ix_(used, np.array([*without.kept, term]))]
     gain = _gain(terms, np.sqrt(np.diag(inside) + (FLOOR * found) ** 2))[-1]
     return bool(gain @ found > SIGNIFICANT * np.sqrt(gain @ inside @ gain))
 
