@@ -17,6 +17,9 @@ nodes print it; they exit with status 2.
 
 from __future__ import annotations
 
+# exit statuses of every verb: a gate or expectation failed is 1, could not be done is 2
+PASSED, FAILED, UNABLE = 0, 1, 2
+
 
 class VioEvalError(Exception):
     """Base of all errors of this package; ``str(error)`` is one line fit for a user."""

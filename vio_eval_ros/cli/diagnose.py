@@ -13,7 +13,7 @@ import shlex
 import numpy as np
 
 from vio_eval_ros.cli.inputs import add_inputs, sources_of
-from vio_eval_ros.cli.shell import add_options, config_of, FAILED, Parser, PASSED, progress, run
+from vio_eval_ros.cli.shell import add_options, config_of, Parser, progress, run
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.core.trajectory import clean, Cleaning, LARGEST, Trajectory
@@ -21,7 +21,7 @@ from vio_eval_ros.diagnosis.diagnosis import Cause, diagnose, Diagnosis, NAMES
 from vio_eval_ros.diagnosis.gyroscope import compare, Comparison
 from vio_eval_ros.diagnosis.measurements import MISFIT, OFFSET_S, TURN_DEG
 from vio_eval_ros.diagnosis.signals import lag_of_signals, SignalLag
-from vio_eval_ros.errors import ConfigError, ReadError
+from vio_eval_ros.errors import ConfigError, FAILED, PASSED, ReadError
 from vio_eval_ros.recordings.imu import read_imu
 from vio_eval_ros.recordings.sources import Source, Spec
 from vio_eval_ros.recordings.text import read_text

@@ -8,9 +8,9 @@ from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 
-from vio_eval_ros.cli.shell import Parser, PASSED, progress, run, UNABLE
+from vio_eval_ros.cli.shell import Parser, progress, run
 from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
-from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.errors import ConfigError, PASSED, UNABLE
 from vio_eval_ros.imu.analysis import analyse, Analysis, UNITS
 from vio_eval_ros.imu.documents import json_document, kalibr_document, plot, table
 from vio_eval_ros.imu.html import html_document

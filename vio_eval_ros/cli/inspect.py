@@ -9,10 +9,10 @@ import os
 from pathlib import Path
 import re
 
-from vio_eval_ros.cli.shell import complain, FAILED, Parser, PASSED, progress, run, UNABLE
+from vio_eval_ros.cli.shell import complain, Parser, progress, run
 from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
 from vio_eval_ros.core.config import nearest_name
-from vio_eval_ros.errors import ConfigError, VioEvalError, WriteError
+from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE, VioEvalError, WriteError
 from vio_eval_ros.inspection.calibration import check_calibration
 from vio_eval_ros.inspection.chains import read_chains
 from vio_eval_ros.inspection.documents import failed, json_document, Report, text_document

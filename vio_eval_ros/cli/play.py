@@ -13,8 +13,8 @@ import sys
 import time
 from typing import Any, TYPE_CHECKING
 
-from vio_eval_ros.cli.shell import Parser, PASSED, run
-from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
+from vio_eval_ros.cli.shell import Parser, run
+from vio_eval_ros.errors import ConfigError, PASSED, ReadError, VioEvalError
 from vio_eval_ros.ros import without_ros
 from vio_eval_ros.settings import finite
 

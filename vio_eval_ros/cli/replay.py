@@ -7,20 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from vio_eval_ros.cli.inputs import add_inputs, sources_of
-from vio_eval_ros.cli.shell import (
-    add_options,
-    config_of,
-    FAILED,
-    Parser,
-    PASSED,
-    run,
-    UNABLE,
-)
+from vio_eval_ros.cli.shell import add_options, config_of, Parser, run
 from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names, running_series
 from vio_eval_ros.core.gates import check_names, Gate
-from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE
 from vio_eval_ros.evaluation.recorded import score_run
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.recordings.sources import Source, Spec

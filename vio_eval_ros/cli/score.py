@@ -10,9 +10,9 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from vio_eval_ros.cli.shell import complain, FAILED, Parser, PASSED, run, UNABLE
+from vio_eval_ros.cli.shell import complain, Parser, run
 from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
-from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE
 from vio_eval_ros.rendering.text import printable
 from vio_eval_ros.scoring.baseline import Baseline, CONDITIONS, definition_sha256
 from vio_eval_ros.scoring.documents import SUITE_REPORTS, suite_text

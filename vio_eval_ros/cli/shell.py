@@ -14,10 +14,9 @@ import time
 from typing import Any, NoReturn
 
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.errors import ConfigError, VioEvalError
+from vio_eval_ros.errors import ConfigError, UNABLE, VioEvalError
 from vio_eval_ros.settings import options_of
 
-PASSED, FAILED, UNABLE = 0, 1, 2
 BAR_AFTER_S = 0.5
 
 

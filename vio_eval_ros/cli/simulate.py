@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from vio_eval_ros.cli.shell import Parser, PASSED, progress, run
+from vio_eval_ros.cli.shell import Parser, progress, run
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.trajectory import clean, Cleaning, Trajectory
-from vio_eval_ros.errors import ConfigError, ReadError
+from vio_eval_ros.errors import ConfigError, PASSED, ReadError
 from vio_eval_ros.imu.documents import KALIBR, PARAMETERS
 from vio_eval_ros.imu.simulate import EUROC, ImuNoise, Noise
 from vio_eval_ros.recordings.sources import read_sources

@@ -29,11 +29,10 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
-from vio_eval_ros.cli.shell import FAILED, PASSED, UNABLE
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.evaluation import Evaluation, metric_names
 from vio_eval_ros.core.gates import check_names
-from vio_eval_ros.errors import ConfigError, VioEvalError, WriteError
+from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE, VioEvalError, WriteError
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.live.options import NodeConfig
 from vio_eval_ros.live.queues import LAG_S, why_the_run_ends
