@@ -23,7 +23,7 @@ setup(
     maintainer='vio_eval_ros maintainers',
     maintainer_email='maintainers@vio-eval-ros.example.org',
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={f'{NAME}.rendering': ['page.css', 'page.js']},
+    package_data={NAME: ['py.typed'], f'{NAME}.rendering': ['page.css', 'page.js']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),

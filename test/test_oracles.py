@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import vio_eval_ros as vio
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation, Summary
@@ -358,3 +359,16 @@ def test_metres_are_those_of_the_ground_truth_where_evo_takes_the_estimates(evo,
     assert found[False]['mean'] == pytest.approx(1.014695, abs=PRINTED)
     assert found[False]['rmse'] == pytest.approx(1.254830, abs=PRINTED)
     assert metrics['rpe_100m_trans_rmse_m'] == pytest.approx(1.250926, abs=PRINTED)
+
+
+def test_a_dataframe_of_evo_is_taken_as_it_is(evo, shared_data):
+    bridge = pytest.importorskip('evo.tools.pandas_bridge')
+    frames = []
+    for name in FR1:
+        source = vio.read(shared_data / name)
+        rotations = np.roll(source.rotations, 1, axis=1)
+        path = evo.Trajectory(source.positions, rotations, source.stamps_ns / 1e9)
+        frames.append(bridge.trajectory_to_df(path))
+    result = vio.evaluate(*frames, max_difference_s=0.01, alignment='sim3')
+    assert result.metrics['ate_trans_rmse_m'] == pytest.approx(0.013389, abs=5e-7)
+    assert len(result.errors()) == 785
