@@ -16,7 +16,7 @@ VENV_OPTIONS := --system-site-packages
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-offline test lint format bench accuracy demo-recording clean
+.PHONY: help demo demo-offline test test-fast lint format bench accuracy demo-recording clean
 
 help:  ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 18
@@ -38,6 +38,10 @@ demo-offline: $(RUNTIME)  ## score the same recording without ROS and write a re
 test: lint  ## check everything: linter, types and all tests
 	@echo 'Running the tests'
 	@$(IN_VENV) -m pytest -q -n 2
+
+test-fast: lint  ## the same without the tests that are slow or need ROS, in a minute
+	@echo 'Running the fast tests'
+	@$(IN_VENV) -m pytest -q -n 2 -m 'not slow and not ros'
 
 lint: $(TESTING)  ## check style and types only
 	@echo 'Checking style (ruff) and types (mypy)'

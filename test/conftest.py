@@ -2,19 +2,16 @@
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
-import fcntl
 from html.parser import HTMLParser
 import io
 import json
 from operator import itemgetter
 import os
 from pathlib import Path
-import random
 import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 from typing import Any
 
 import numpy as np
@@ -23,6 +20,7 @@ import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
+from ros_domain import private_domain
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.simulation import simulate
 
@@ -34,10 +32,20 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
     signal.signal(signal.SIGHUP, lambda *_: None)
 
 ROOT = Path(__file__).resolve().parents[1]
-DOMAINS = range(61, 102)
+ON_A_ROS_GRAPH = ('ros', 'test_demo.py', 'test_launch.py', 'test_layouts.py')
+SLOW_FIXTURES = {'browser', 'colcon'}
 STORE = get_typestore(Stores.ROS2_JAZZY)
 # What is in a clone and matters for building: no environments, no results of earlier builds.
 NOT_COPIED = shutil.ignore_patterns('.*', 'build', 'install', 'log', '*.egg-info', '__pycache__')
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Mark what `make test-fast` leaves out, as far as folder or fixtures decide it."""
+    for item in items:
+        if any(item.path.is_relative_to(ROOT / 'test' / name) for name in ON_A_ROS_GRAPH):
+            item.add_marker(pytest.mark.ros)
+        if SLOW_FIXTURES.intersection(getattr(item, 'fixturenames', ())):
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.fixture(scope='session')
@@ -83,19 +91,8 @@ def installed(colcon: str, workspace: Path) -> Path:
 @pytest.fixture
 def ros_environment() -> Iterator[dict[str, str]]:
     """Return an environment with a ROS graph that no other test is on, in whatever process."""
-    for domain in random.sample(DOMAINS, len(DOMAINS)):
-        with (Path(tempfile.gettempdir()) / f'ros_domain_{domain}.lock').open('w') as lock:
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except OSError:
-                continue
-            yield os.environ | {
-                'PYTHONPATH': str(ROOT),
-                'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-                'ROS_DOMAIN_ID': str(domain),
-            }
-            return
-    raise RuntimeError('all domains are taken')
+    with private_domain() as variables:
+        yield os.environ | {'PYTHONPATH': str(ROOT)} | variables
 
 
 def stamped(cls: str, stamp_ns: int, *content: Any) -> Any:

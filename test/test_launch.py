@@ -8,15 +8,14 @@ import importlib.util
 import json
 import os
 from pathlib import Path
-import random
 import re
 import signal
-import socket
 import subprocess
 import sys
 
 import pytest
 
+from ros_domain import private_domain
 from vio_eval_ros.live.options import NodeConfig
 from vio_eval_ros.recordings.sources import read_sources
 
@@ -98,29 +97,12 @@ def test_launch_files_settings_gates_and_layouts_are_installed(installed):
 # From here on with real processes.
 
 
-def free_domain() -> int:
-    """Return a ROS domain in which nobody is: DDS gives the first who is this port."""
-    while True:
-        domain = random.randint(30, 44)
-        with socket.socket(type=socket.SOCK_DGRAM) as probe:
-            try:
-                probe.bind(('', 7410 + 250 * domain))
-            except OSError:
-                continue
-        return domain
-
-
 @pytest.fixture
-def launched(installed, tmp_path) -> Callable:
+def launched(installed, tmp_path) -> Iterator[Callable]:
     """Return what starts a launch file of the workspace, with its arguments."""
     for package in ('rclpy', 'launch_ros'):
         if not importlib.util.find_spec(package):
             pytest.skip(f'needs {package}, which is in installations of ROS 2')
-    environment = os.environ | {
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        'ROS_DOMAIN_ID': str(free_domain()),
-        'ROS_LOG_DIR': str(tmp_path / 'log'),
-    }
 
     @contextmanager
     def start(*command: object) -> Iterator[subprocess.Popen]:
@@ -146,7 +128,9 @@ def launched(installed, tmp_path) -> Callable:
         return start(sys.executable, '-c', LAUNCH, path, *words)
 
     launch.start = start
-    return launch
+    with private_domain() as variables:
+        environment = os.environ | variables | {'ROS_LOG_DIR': str(tmp_path / 'log')}
+        yield launch
 
 
 def ended(process: subprocess.Popen, status: int) -> str:

@@ -5,7 +5,6 @@ import importlib.util
 import json
 import os
 from pathlib import Path
-import random
 import re
 import signal
 import subprocess
@@ -14,6 +13,7 @@ import sys
 import pytest
 import yaml
 
+from ros_domain import private_domain
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names
 
@@ -121,21 +121,19 @@ def published() -> dict[str, list[str]]:
     """Return what a running evaluator publishes, with the types."""
     if not importlib.util.find_spec('rclpy'):
         pytest.skip('needs ROS 2: pip install ".[ros]"')
-    environment = os.environ | {
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-        'ROS_DOMAIN_ID': str(random.randint(45, 60)),
-    }
-    evaluator = [sys.executable, '-m', 'vio_eval_ros', 'evaluator']
-    process = subprocess.Popen(evaluator, env=environment, cwd=ROOT)
-    try:
-        expected = rviz_topics() | foxglove_topics()
-        listing = [sys.executable, '-c', LISTING, *expected]
-        done = subprocess.run(
-            listing, env=environment, capture_output=True, check=True, timeout=LIMIT_S
-        )
-    finally:
-        process.send_signal(signal.SIGINT)
-        process.wait(timeout=LIMIT_S)
+    with private_domain() as variables:
+        environment = os.environ | variables
+        evaluator = [sys.executable, '-m', 'vio_eval_ros', 'evaluator']
+        process = subprocess.Popen(evaluator, env=environment, cwd=ROOT)
+        try:
+            expected = rviz_topics() | foxglove_topics()
+            listing = [sys.executable, '-c', LISTING, *expected]
+            done = subprocess.run(
+                listing, env=environment, capture_output=True, check=True, timeout=LIMIT_S
+            )
+        finally:
+            process.send_signal(signal.SIGINT)
+            process.wait(timeout=LIMIT_S)
     return json.loads(done.stdout)
 
 
