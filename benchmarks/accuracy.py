@@ -105,8 +105,8 @@ def replayed(pair: Sequence[Any], times: Path | None = None, **options: Any) -> 
     estimate, truth = read_sources([str(spec) for spec in pair], times=times)
     like_evo = {'max_difference_s': 0.01, 'rpe_pairs': 'sequential', 'rpe_deltas': ['1f']}
     evaluation = Evaluation(EvaluationConfig.from_mapping(like_evo | options))
-    evaluation.add_ground_truth(truth.poses, truth.zero_stamps)
-    evaluation.add_estimate(estimate.poses, estimate.zero_stamps)
+    evaluation.add_ground_truth(truth.poses)
+    evaluation.add_estimate(estimate.poses)
     evaluation.flush()
     summary = evaluation.summary()
     return {'pairs': len(summary.pairs)} | summary.metrics

@@ -210,7 +210,7 @@ def poses_of(*specs: str) -> tuple[Trajectory, Trajectory]:
     """Return an estimate and its truth."""
     times = DATA / f'{KITTI}_gt_times.txt' if KITTI in specs[0] else None
     estimated, truth = (
-        clean(source.poses, Cleaning(), zero_stamps=source.zero_stamps)
+        clean(source.poses, Cleaning())
         for source in read_sources([f'{DATA}/{spec}' for spec in specs], None, times)
     )
     return estimated, truth

@@ -520,7 +520,7 @@ def test_whatever_is_dropped_or_mended_is_said(wandering):
     estimate.rotations[7] *= 3
     evaluation = Evaluation(EvaluationConfig())
     evaluation.add_ground_truth(wandering(np.arange(6) * 50 * MS))
-    evaluation.add_estimate(estimate, zero_stamps=False)
+    evaluation.add_estimate(replace(estimate, zero_is_unset=True))
     evaluation.running()
     evaluation.add_estimate(wandering([40 * MS]))
     evaluation.flush()
@@ -691,9 +691,9 @@ def test_a_series_does_not_go_back_for_a_late_pose(flight, estimated):
 
 def test_poses_stamped_0_are_counted_and_have_no_row(flight, estimated):
     series, estimate = RunningSeries(EvaluationConfig()), estimated(flight)
-    unstamped = replace(estimate[:7], stamps_ns=np.zeros(7, np.int64))
-    series.add_estimate(unstamped, zero_stamps=False)
-    series.add_estimate(estimate, zero_stamps=False)
+    unstamped = replace(estimate[:7], stamps_ns=np.zeros(7, np.int64), zero_is_unset=True)
+    series.add_estimate(unstamped)
+    series.add_estimate(replace(estimate, zero_is_unset=True))
     series.add_ground_truth(flight)
     stamps = [stamp_ns for stamp_ns, _ in series.rest()]
     assert stamps[0] >= flight.stamps_ns[0]

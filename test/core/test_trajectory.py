@@ -1,6 +1,6 @@
 """Poses are brought into shape without losing one uncounted; the log of pairs keeps all."""
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -64,12 +64,15 @@ def test_quaternions_of_no_length_are_dropped_and_others_normalised():
     assert counted(counts) == {'zero_quaternion': 2, 'scaled_quaternion': 1}
 
 
-def test_zero_stamps_are_kept_or_dropped_as_told():
+def test_zero_stamps_are_kept_unless_they_say_that_there_was_none():
     counts = Cleaning()
     assert len(clean(poses([0, 1]), counts)) == 2
     assert counted(counts) == {}
-    assert len(clean(poses([0, 1]), counts, zero_stamps=False)) == 1
-    assert counted(counts) == {'zero_stamp': 1}
+    unset = replace(poses([0, 1]), zero_is_unset=True)
+    assert len(clean(unset[:1], Cleaning())) == 0
+    joined = Poses.concatenate([poses([2]), unset])
+    assert clean(joined, counts).stamps_ns.tolist() == [1, 2]
+    assert counted(counts) == {'zero_stamp': 1, 'went_backwards': 1}
 
 
 def test_positions_alone_have_no_orientation():

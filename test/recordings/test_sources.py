@@ -210,7 +210,7 @@ def test_sources_of_one_recording_come_in_the_order_asked_for(tmp_path, tum):
     truth, file, estimate = read_sources(specs, path)
     assert [len(s.poses) for s in (truth, file, estimate)] == [200, 2, 20]
     assert [s.spec for s in (truth, file, estimate)] == specs
-    assert (truth.zero_stamps, file.zero_stamps) == (False, True)
+    assert (truth.poses.zero_is_unset, file.poses.zero_is_unset) == (True, False)
 
 
 def test_a_recording_read_as_an_estimate_can_be_inverted(tmp_path):

@@ -35,7 +35,7 @@ FLIGHT = simulate(duration_s=10.0)
 
 
 def source(name: str, poses: Poses) -> Source:
-    return Source(name, 'tum', (), poses, True)
+    return Source(name, 'tum', (), poses)
 
 
 def scored(estimate: Poses, truth: Poses, config: EvaluationConfig = CONFIG) -> Result:

@@ -123,7 +123,7 @@ def _failing(listed: str | None) -> set[str]:
 
 
 def _cleaned(source: Source, counts: Cleaning) -> Trajectory:
-    return clean(source.poses, counts, zero_stamps=source.zero_stamps)
+    return clean(source.poses, counts)
 
 
 def _stated(sources: dict[str, Source], diagnosis: Diagnosis) -> Diagnosis:

@@ -144,10 +144,9 @@ def _series(
     config: EvaluationConfig, estimate: Source, truth: Source
 ) -> list[tuple[int, dict[str, float]]]:
     """Return the running values of the run."""
-    zero_stamps = (estimate.zero_stamps, truth.zero_stamps)
     # what a live evaluation would have shown, it showed of poses as first published
     poses = estimate.poses if estimate.causal is None else estimate.causal
-    return list(running_series(config, poses, truth.poses, zero_stamps))
+    return list(running_series(config, poses, truth.poses))
 
 
 def _stack(arguments: argparse.Namespace) -> Stack:

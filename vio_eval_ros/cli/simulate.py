@@ -159,7 +159,7 @@ def _real_run(arguments: argparse.Namespace, notes: list[str]) -> SimulatedRun:
     poses = []
     for source in read_sources(specs, progress=progress):
         counts = Cleaning()
-        poses.append(clean(source.poses, counts, zero_stamps=source.zero_stamps))
+        poses.append(clean(source.poses, counts))
         notes += [f'{source.spec}: {warning}' for warning in source.warnings]
         notes += [
             f'{source.spec}: {count} poses left out: {reason.replace("_", " ")}'

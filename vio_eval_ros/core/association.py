@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import replace
 import math
 
 import numpy as np
 
-from vio_eval_ros.core import rotation
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.interpolation import between
 from vio_eval_ros.core.intervals import Intervals, longest_tracked, nanoseconds
-from vio_eval_ros.core.trajectory import as_slice, clean, Cleaning, Pairs, Poses, Trajectory
-from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.core.preparation import Preparation
+from vio_eval_ros.core.trajectory import as_slice, Cleaning, Pairs, Poses, Trajectory
 
 BEFORE_ALL = np.iinfo(np.int64).min
 AFTER_ALL = np.iinfo(np.int64).max
@@ -33,16 +31,14 @@ def nearest(stamps: np.ndarray, others: np.ndarray) -> np.ndarray:
     )
 
 
-class Stream:
+class Side:
     """
     One side of the association: brings what arrives into shape and keeps what is still needed.
 
     :param gap_ns: the longest interval between poses that counts as tracking.
-    :param offset_ns: added to the stamps.
-    :param to_body: x y z qx qy qz qw of the body in the tracked frame.
     """
 
-    def __init__(self, gap_ns: int, offset_ns: int, to_body: Sequence[float]) -> None:
+    def __init__(self, preparation: Preparation, gap_ns: int) -> None:
         self.counts = Cleaning()
         self.waiting = Trajectory.empty()
         self.first_ns = AFTER_ALL
@@ -53,23 +49,18 @@ class Stream:
         self.settled = 0
         self.position_only = False
         self.intervals = Intervals(gap_ns)
-        self._offset_ns = offset_ns
-        self._lever, self._turn = np.array(to_body[:3]), rotation.normalize(np.array(to_body[3:]))
+        self._preparation = preparation
 
-    def receive(self, poses: Poses, horizon_ns: int, zero_stamps: bool) -> None:
+    def receive(self, poses: Poses, horizon_ns: int) -> None:
         """Add a batch; poses at or before the horizon come too late and are only counted."""
-        started = self.newest_ns != BEFORE_ALL
-        batch = clean(
-            poses, self.counts, self.newest_ns - self._offset_ns if started else None, zero_stamps
-        )
-        if self._offset_ns:
-            batch = replace(batch, stamps_ns=batch.stamps_ns + self._offset_ns)
+        newest_ns = None if self.newest_ns == BEFORE_ALL else self.newest_ns
+        batch = self._preparation.apply(poses, self.counts, newest_ns)
         if len(batch) and batch.stamps_ns[0] <= max(self.newest_ns, horizon_ns):
             batch = self._without_repeated_and_late(batch, horizon_ns)
         if not len(batch):
             return
         in_order = batch.stamps_ns[0] > self.newest_ns
-        self.waiting = Trajectory.concatenate([self.waiting, self._of_body(batch)])
+        self.waiting = Trajectory.concatenate([self.waiting, batch])
         if not in_order:
             self.waiting = self.waiting[np.argsort(self.waiting.stamps_ns)]
         self.used += len(batch)
@@ -85,35 +76,13 @@ class Stream:
         self.counts.late += int(np.count_nonzero(late))
         return batch[~(repeated | late)]
 
-    def _of_body(self, tracked: Trajectory) -> Trajectory:
-        """Return the poses of the body, given those of the tracked frame that it is fixed to."""
-        if not self._lever.any() and abs(self._turn[3]) == 1:
-            return tracked
-        if tracked.rotations is None:
-            raise ConfigError(
-                'poses without orientation cannot be moved to another frame; leave '
-                'estimate_to_body and ground_truth_to_body at the identity for them'
-            )
-        covariances = tracked.covariances
-        if covariances is not None and self._lever.any():
-            # the position's would need how it goes with the orientation's
-            covariances = covariances.copy()
-            covariances[:, 0] = np.nan
-        return replace(
-            tracked,
-            covariances=covariances,
-            positions=tracked.positions + rotation.rotate(tracked.rotations, self._lever),
-            rotations=rotation.multiply(tracked.rotations, self._turn),
-        )
-
     def crop(self, begin_ns: int, end_ns: int) -> None:
         """Drop the waiting poses outside [begin, end]; they still tell how far the stream is."""
-        inside = (self.waiting.stamps_ns >= begin_ns) & (self.waiting.stamps_ns <= end_ns)
-        cropped = len(inside) - int(np.count_nonzero(inside))
-        if cropped:
-            self.counts.cropped += cropped
-            self.used -= cropped
-            self.waiting = self.waiting[inside]
+        inside = self.waiting.within(begin_ns, end_ns)
+        cropped = len(self.waiting) - len(inside)
+        self.counts.cropped += cropped
+        self.used -= cropped
+        self.waiting = inside
 
     def settle(self, after_ns: int, until_ns: int) -> np.ndarray:
         """Count the poses in (after, until], whose partners are known; return their intervals."""
@@ -148,23 +117,21 @@ class Associator:
         self._mode = config.association
         self._horizon_ns = BEFORE_ALL
         self._begin_ns: int | None = None
-        self.estimate = Stream(
-            self._gap_ns, nanoseconds(config.time_offset_s), config.estimate_to_body
-        )
-        self.ground_truth = Stream(self._gap_ns, 0, config.ground_truth_to_body)
+        self.estimate = Side(Preparation.of_estimate(config), self._gap_ns)
+        self.ground_truth = Side(Preparation.of_ground_truth(config), self._gap_ns)
         self.closest_ns: int | None = None
         self._tracked = Intervals(self._gap_ns)
         self._fast = 0
         self._longest_fast_ns = 0
         self._slow_ns = np.empty(0, np.int64)
 
-    def add_estimate(self, poses: Poses, zero_stamps: bool = True) -> None:
+    def add_estimate(self, poses: Poses) -> None:
         """Add a batch of the estimate, in its own clock."""
-        self.estimate.receive(poses, self._horizon_ns, zero_stamps)
+        self.estimate.receive(poses, self._horizon_ns)
 
-    def add_ground_truth(self, poses: Poses, zero_stamps: bool = True) -> None:
+    def add_ground_truth(self, poses: Poses) -> None:
         """Add a batch of ground truth."""
-        self.ground_truth.receive(poses, self._horizon_ns, zero_stamps)
+        self.ground_truth.receive(poses, self._horizon_ns)
 
     def decide(self) -> Pairs:
         """Return the pairs that the poses since the last call decide."""
@@ -213,8 +180,8 @@ class Associator:
         self._slow_ns = np.concatenate([self._slow_ns, intervals[slow]])
         self._fast += len(intervals) - int(np.count_nonzero(slow))
         self._longest_fast_ns = max(self._longest_fast_ns, int(intervals[~slow].max(initial=0)))
-        for stream in (self.estimate, self.ground_truth):
-            stream.forget(self._needed_from(horizon_ns))
+        for side in (self.estimate, self.ground_truth):
+            side.forget(self._needed_from(horizon_ns))
         self._horizon_ns = horizon_ns
         return pairs
 
@@ -231,8 +198,8 @@ class Associator:
         """Drop what lies outside the options' start and end, relative to the first truth."""
         begin_ns = zero_ns + self._start_ns if self._start_ns else BEFORE_ALL
         end_ns = AFTER_ALL if self._end_ns is None else zero_ns + self._end_ns
-        for stream in (self.estimate, self.ground_truth):
-            stream.crop(begin_ns, end_ns)
+        for side in (self.estimate, self.ground_truth):
+            side.crop(begin_ns, end_ns)
 
     def _nearest(self, after_ns: int, until_ns: int) -> Pairs:
         """Return the poses that are each other's nearest, as far as the new horizon decides."""

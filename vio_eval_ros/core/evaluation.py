@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from vio_eval_ros.core.alignment import Alignment, Moments, solve
-from vio_eval_ros.core.association import AFTER_ALL, Associator, BEFORE_ALL, Stream
+from vio_eval_ros.core.association import AFTER_ALL, Associator, BEFORE_ALL, Side
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.intervals import nanoseconds
 from vio_eval_ros.core.metrics import METRICS, Run
@@ -74,13 +74,13 @@ class Evaluation:
         self._moments = Moments.empty()
         self._referenced = 0
 
-    def add_estimate(self, poses: Poses, zero_stamps: bool = True) -> None:
-        """Add a batch of estimated poses; ``zero_stamps`` False drops those stamped 0."""
-        self.associator.add_estimate(poses, zero_stamps)
+    def add_estimate(self, poses: Poses) -> None:
+        """Add a batch of estimated poses."""
+        self.associator.add_estimate(poses)
 
-    def add_ground_truth(self, poses: Poses, zero_stamps: bool = True) -> None:
-        """Add a batch of true poses; ``zero_stamps`` False drops those stamped 0."""
-        self.associator.add_ground_truth(poses, zero_stamps)
+    def add_ground_truth(self, poses: Poses) -> None:
+        """Add a batch of true poses."""
+        self.associator.add_ground_truth(poses)
 
     def flush(self) -> None:
         """Decide what only more poses could have changed: the streams have ended."""
@@ -286,18 +286,17 @@ class RunningSeries:
             self.evaluation.add_ground_truth, associator.ground_truth.counts, limit
         )
 
-    def add_estimate(self, poses: Poses, zero_stamps: bool = True) -> None:
-        """Add a batch of estimated poses; ``zero_stamps`` False drops those stamped 0."""
-        self._estimate.hold(poses, poses.stamps_ns + self._offset_ns, zero_stamps)
+    def add_estimate(self, poses: Poses) -> None:
+        """Add a batch of estimated poses."""
+        self._estimate.hold(poses, poses.stamps_ns + self._offset_ns)
 
-    def add_ground_truth(self, poses: Poses, zero_stamps: bool = True, waits: bool = True) -> None:
+    def add_ground_truth(self, poses: Poses, waits: bool = True) -> None:
         """
         Add a batch of true poses.
 
-        :param zero_stamps: False drops poses stamped 0.
         :param waits: False where they do not wait for the other stream, being all there are.
         """
-        self._ground_truth.hold(poses, poses.stamps_ns, zero_stamps, waits)
+        self._ground_truth.hold(poses, poses.stamps_ns, waits)
 
     def rows(self) -> Iterator[tuple[int, dict[str, float]]]:
         """Yield stamp and running values of every second that both streams have passed."""
@@ -347,27 +346,22 @@ class RunningSeries:
 
 
 def running_series(
-    config: EvaluationConfig,
-    estimate: Poses,
-    ground_truth: Poses,
-    zero_stamps: tuple[bool, bool] = (True, True),
+    config: EvaluationConfig, estimate: Poses, ground_truth: Poses
 ) -> Iterator[tuple[int, dict[str, float]]]:
     """Yield the rows of a series of two whole streams, as if they had arrived in order."""
     series = RunningSeries(config)
     ordered = [
         poses[np.argsort(poses.stamps_ns, kind='stable')] for poses in (estimate, ground_truth)
     ]
-    series.add_estimate(ordered[0], zero_stamps[0])
-    series.add_ground_truth(ordered[1], zero_stamps[1])
+    series.add_estimate(ordered[0])
+    series.add_ground_truth(ordered[1])
     yield from series.rest()
 
 
 class _Held:
     """Poses of a stream that wait for their second to be over."""
 
-    def __init__(
-        self, add: Callable[[Poses, bool], None], counts: Cleaning, limit: int | None
-    ) -> None:
+    def __init__(self, add: Callable[[Poses], None], counts: Cleaning, limit: int | None) -> None:
         self._counts = counts
         self._limit = limit
         self.oldest_ns = AFTER_ALL
@@ -375,16 +369,13 @@ class _Held:
         self.clocks: list[np.ndarray] = []
         self._poses: list[Poses] = []
         self._released_ns = BEFORE_ALL
-        self._zero_stamps = True
         self._add = add
 
-    def hold(
-        self, poses: Poses, clock_ns: np.ndarray, zero_stamps: bool, waits: bool = True
-    ) -> None:
+    def hold(self, poses: Poses, clock_ns: np.ndarray, waits: bool = True) -> None:
         """Add poses and the stamps by which they are ordered."""
-        if not zero_stamps and not poses.stamps_ns.all():
+        if poses.zero_is_unset and not poses.stamps_ns.all():
             stamped = poses.stamps_ns != 0
-            self._add(poses[~stamped], False)  # to be counted, in whatever second
+            self._add(poses[~stamped])  # to be counted, in whatever second
             poses, clock_ns = poses[stamped], clock_ns[stamped]
         if not len(poses):
             return
@@ -394,7 +385,6 @@ class _Held:
         self.newest_ns = max(self.newest_ns, int(clock_ns.max()))
         self.clocks.append(clock_ns)
         self._poses.append(poses)
-        self._zero_stamps = zero_stamps
         if self._limit is not None and waits:
             self._give_up(sum(map(len, self._poses)) - self._limit)
 
@@ -422,7 +412,7 @@ class _Held:
         end = int(np.searchsorted(clock, until_ns, side='right')) if in_order else 0
         over: Any = slice(end) if in_order else clock <= until_ns
         rest: Any = slice(end, None) if in_order else clock > until_ns
-        self._add(poses[over], self._zero_stamps)
+        self._add(poses[over])
         self._poses, self.clocks = [poses[rest]], [clock[rest]]
 
 
@@ -436,5 +426,5 @@ def _listed(dropped: dict[str, int]) -> str:
     )
 
 
-def _span(stream: Stream) -> str:
-    return f'{stream.first_ns / 1e9:.1f} to {stream.newest_ns / 1e9:.1f}'
+def _span(side: Side) -> str:
+    return f'{side.first_ns / 1e9:.1f} to {side.newest_ns / 1e9:.1f}'

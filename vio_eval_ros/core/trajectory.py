@@ -55,12 +55,15 @@ class Poses:
     :param covariances: (N, 2, 3, 3) float64: of the position [m²] and of the orientation
         [rad²] (rotations about the fixed world axes); NaN where unknown, None where the source
         has none.
+    :param zero_is_unset: whether a stamp of 0 says that there was none, as in messages published
+        before ``/clock``.
     """
 
     stamps_ns: np.ndarray
     positions: np.ndarray
     rotations: np.ndarray | None = None
     covariances: np.ndarray | None = None
+    zero_is_unset: bool = False
 
     def __len__(self) -> int:
         """Return the number of poses."""
@@ -68,9 +71,11 @@ class Poses:
 
     def __getitem__(self: Columns, index: Any) -> Columns:
         """Return the rows that a slice, mask or index array selects."""
-        columns = [getattr(self, name) for name in COLUMNS]
-        selected: list[Any] = [None if column is None else column[index] for column in columns]
-        return type(self)(*selected)
+        columns = {name: getattr(self, name) for name in COLUMNS}
+        selected: dict[str, Any] = {
+            name: None if column is None else column[index] for name, column in columns.items()
+        }
+        return type(self)(**selected, zero_is_unset=self.zero_is_unset)
 
     @classmethod
     def concatenate(cls: type[Columns], parts: Sequence[Columns]) -> Columns:
@@ -90,6 +95,7 @@ class Poses:
             np.concatenate([part.positions for part in parts]),
             None if any(column is None for column in rotations) else np.concatenate(rotations),
             np.concatenate([part.covariances_or_nan() for part in parts]) if known else None,
+            any(part.zero_is_unset for part in parts),
         )
 
     def covariances_or_nan(self) -> np.ndarray:
@@ -112,6 +118,11 @@ class Trajectory(Poses):
     def empty(cls) -> Trajectory:
         """Return a trajectory without poses, to which any other can be joined."""
         return cls(np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 4)))
+
+    def within(self, begin_ns: int, end_ns: int) -> Trajectory:
+        """Return the poses with stamps in [begin, end]."""
+        inside = (self.stamps_ns >= begin_ns) & (self.stamps_ns <= end_ns)
+        return self if inside.all() else self[inside]
 
 
 @dataclass(frozen=True, eq=False)
@@ -317,17 +328,15 @@ class Cleaning:
         return {reason: n for reason, n in asdict(self).items() if reason not in kept}
 
 
-def clean(
-    poses: Poses, counts: Cleaning, newest_ns: int | None = None, zero_stamps: bool = True
-) -> Trajectory:
+def clean(poses: Poses, counts: Cleaning, newest_ns: int | None = None) -> Trajectory:
     """
     Return the usable poses in order of their stamps; add what was wrong to ``counts``.
 
-    Rows with a non-finite number (or one so large that its square is none) or a quaternion of
-    length zero are dropped, other quaternions normalised; of equal stamps the first stays.
+    Rows with a non-finite number (or one so large that its square is not finite), an unset stamp
+    or a quaternion of length zero are dropped, other quaternions normalised; of equal stamps the
+    first stays.
 
     :param newest_ns: the newest stamp of earlier batches of the same stream, if any.
-    :param zero_stamps: False drops poses stamped 0, as messages published before ``/clock`` are.
     """
     keep = np.ones(len(poses), bool)
     for column in (poses.positions, poses.rotations):
@@ -335,7 +344,7 @@ def clean(
         if column is not None and not np.abs(column).max(initial=0) < LARGEST:
             keep &= (np.abs(column) < LARGEST).all(axis=1)
     counts.non_finite += len(poses) - int(np.count_nonzero(keep))
-    if not zero_stamps:
+    if poses.zero_is_unset:
         counts.zero_stamp += int(np.count_nonzero(keep & (poses.stamps_ns == 0)))
         keep &= poses.stamps_ns != 0
     if not keep.all():

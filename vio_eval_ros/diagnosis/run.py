@@ -10,7 +10,6 @@ import re
 import numpy as np
 
 from vio_eval_ros.core.alignment import Moments, solve
-from vio_eval_ros.core.association import Associator
 from vio_eval_ros.core.config import Delta, EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.interpolation import Interpolator
@@ -22,6 +21,7 @@ from vio_eval_ros.core.metrics import (
     relative_errors,
     rotation_errors,
 )
+from vio_eval_ros.core.preparation import Preparation
 from vio_eval_ros.core.statistics import root_mean_square
 from vio_eval_ros.core.trajectory import Pairs, Trajectory
 from vio_eval_ros.diagnosis.correction import Correction
@@ -68,10 +68,8 @@ class Run:
     @classmethod
     def received(cls, estimate: Trajectory, truth: Trajectory, config: EvaluationConfig) -> Run:
         """Return the run of two streams as they came: shifted, moved to the body and cropped."""
-        streams = Associator(config)
-        streams.add_ground_truth(truth)
-        streams.add_estimate(estimate)
-        estimate, truth = streams.estimate.waiting, streams.ground_truth.waiting
+        truth = Preparation.of_ground_truth(config).apply(truth)
+        estimate = Preparation.of_estimate(config).apply(estimate)
         if len(truth) and (config.start_s or math.isfinite(config.end_s)):
             elapsed_s = (truth.stamps_ns - _together(truth).stamps_ns[0]) / 1e9
             truth = truth[(elapsed_s >= config.start_s) & (elapsed_s <= config.end_s)]

@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from vio_eval_ros.core.association import Associator, BEFORE_ALL, Stream
+from vio_eval_ros.core.association import Side
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.gates import Gate, judge
+from vio_eval_ros.core.preparation import Preparation
 from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.errors import NoPairs
 from vio_eval_ros.evaluation.result import Input, Result
@@ -33,9 +34,9 @@ def score_run(
     :param hashed: whether to hash the files, which only some reports show.
     :raises NoPairs: where the two share no instant; the message says why.
     """
-    evaluation = _evaluated(config, estimate.poses, estimate, truth)
+    evaluation = _evaluated(config, estimate.poses, truth.poses)
     if estimate.causal is not None:
-        evaluation.causal = _evaluated(config, estimate.causal, estimate, truth)
+        evaluation.causal = _evaluated(config, estimate.causal, truth.poses)
     summary = evaluation.summary()
     if not len(summary.pairs):
         raise NoPairs(evaluation.no_pairs())
@@ -73,25 +74,22 @@ def _are_same(one: Poses, other: Poses) -> bool:
     )
 
 
-def _evaluated(
-    config: EvaluationConfig, poses: Poses, estimate: Source, truth: Source
-) -> Evaluation:
+def _evaluated(config: EvaluationConfig, estimate: Poses, truth: Poses) -> Evaluation:
     """Return the evaluation of one revision of the estimate."""
     evaluation = Evaluation(config)
-    evaluation.add_ground_truth(truth.poses, truth.zero_stamps)
-    evaluation.add_estimate(poses, estimate.zero_stamps)
+    evaluation.add_ground_truth(truth)
+    evaluation.add_estimate(estimate)
     evaluation.flush()
     return evaluation
 
 
-def _outline(config: EvaluationConfig, truth: Source, used: Stream) -> Trajectory:
+def _outline(config: EvaluationConfig, truth: Source, used: Side) -> Trajectory:
     """Return some positions of the body, evenly over the ground truth that was used."""
     count = min(len(truth.poses), MOST_OUTLINED)
     chosen = np.linspace(0, len(truth.poses) - 1, count).round().astype(int)
-    stream = Associator(config).ground_truth
-    stream.receive(truth.poses[chosen], BEFORE_ALL, truth.zero_stamps)
-    stream.crop(used.first_used_ns, used.last_used_ns)
-    return Trajectory(stream.waiting.stamps_ns, stream.waiting.positions)
+    outline = Preparation.of_ground_truth(config).apply(truth.poses[chosen])
+    outline = outline.within(used.first_used_ns, used.last_used_ns)
+    return Trajectory(outline.stamps_ns, outline.positions)
 
 
 def sha256(paths: Sequence[Path]) -> str | None:

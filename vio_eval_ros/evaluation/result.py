@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from vio_eval_ros.core.association import Stream
+from vio_eval_ros.core.association import Side
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Summary
 from vio_eval_ros.core.gates import Gate, judge, Verdict
@@ -36,7 +36,7 @@ class Input:
     source: str
     kind: str
     sha256: str | None
-    stream: Stream
+    stream: Side
     offset_s: float = 0.0
     paths: tuple[Path, ...] = ()
 

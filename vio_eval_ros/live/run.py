@@ -71,7 +71,7 @@ class LiveRun:
         self._most_true = MOST_WAITING * max_pairs if max_pairs else 0
         self._given_up = 0
         if truth is not None:
-            self._series.add_ground_truth(truth.poses, truth.zero_stamps, waits=False)
+            self._series.add_ground_truth(truth.poses, waits=False)
 
     def add_estimate(self, poses: Poses, revisions: PathRevisions | None = None) -> None:
         """
@@ -79,14 +79,14 @@ class LiveRun:
 
         :param revisions: of a Path, of which ``poses`` are those that it had not had before.
         """
-        self._series.add_estimate(poses, zero_stamps=False)
+        self._series.add_estimate(poses)
         self._revisions = revisions
         if revisions is None:
             self._true_poses = None
 
     def add_ground_truth(self, poses: Poses) -> None:
         """Add a batch of true poses."""
-        self._series.add_ground_truth(poses, zero_stamps=False)
+        self._series.add_ground_truth(poses)
         if self._true_poses is not None:
             self._true_poses.append(poses)
             while self._most_true and sum(map(len, self._true_poses)) > self._most_true:
@@ -191,10 +191,10 @@ class LiveRun:
         """Return the evaluation of the estimate as last revised."""
         final = Evaluation(self.config)
         if self._truth is not None:
-            final.add_ground_truth(self._truth.poses, self._truth.zero_stamps)
+            final.add_ground_truth(self._truth.poses)
         for poses in self._true_poses or ():
-            final.add_ground_truth(poses, zero_stamps=False)
-        final.add_estimate(revisions.final(), zero_stamps=False)
+            final.add_ground_truth(poses)
+        final.add_estimate(revisions.final())
         final.flush()
         final.causal = causal
         return final

@@ -100,7 +100,7 @@ def poses(stamps_ns: np.ndarray, numbers: np.ndarray) -> Poses:
     """
     rotations = numbers[:, 3:7].copy() if numbers.shape[1] > 3 else None
     covariances = _covariances(numbers[:, 7:]) if numbers.shape[1] > 7 else None
-    return Poses(stamps_ns, numbers[:, :3].copy(), rotations, covariances)
+    return Poses(stamps_ns, numbers[:, :3].copy(), rotations, covariances, zero_is_unset=True)
 
 
 def _covariances(numbers: np.ndarray) -> np.ndarray | None:

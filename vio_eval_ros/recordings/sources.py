@@ -107,7 +107,6 @@ class Source:
     :param spec: as the user wrote it.
     :param kind: tum, euroc, kitti, ros1, rosbag2, mcap or arrays.
     :param paths: the files that hold them, in order.
-    :param zero_stamps: False where a stamp of 0 means that there was no clock yet.
     :param warnings: what was taken for granted, in sentences.
     :param causal: the same poses as first published, where a Path revised them since.
     """
@@ -116,7 +115,6 @@ class Source:
     kind: str
     paths: tuple[Path, ...]
     poses: Poses
-    zero_stamps: bool
     warnings: tuple[str, ...] = ()
     causal: Poses | None = None
 
@@ -266,7 +264,6 @@ def _of_topic(recording: Recording, text: str, spec: Spec, read: Read) -> Source
         recording.kind,
         recording.paths,
         _as_stated(poses, spec),
-        False,
         tuple(recording.warnings),
         None if causal is None else _as_stated(causal, spec),
     )
@@ -299,7 +296,7 @@ def _from_text(text: str, spec: Spec, times: Path | None, progress: Progress = s
         if reader.recognises(file, times):
             poses = reader.read(file, times, spec.statements, notes)
             paths = (path, times) if kind == 'kitti' and times else (path,)
-            return Source(text, kind, paths, _as_stated(poses, spec), True, tuple(notes))
+            return Source(text, kind, paths, _as_stated(poses, spec), tuple(notes))
     raise ReadError(
         path,
         f'{file.rows.values.shape[1]} columns; a trajectory has 8: stamp x y z qx qy qz qw',

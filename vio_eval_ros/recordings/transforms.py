@@ -57,7 +57,8 @@ class Samples:
     def poses(self) -> Poses:
         """Return the transforms as poses of the child in the parent."""
         numbers = np.array(self._numbers).reshape(-1, 7)
-        return Poses(np.array(self._stamps), numbers[:, :3].copy(), numbers[:, 3:].copy())
+        positions, rotations = numbers[:, :3].copy(), numbers[:, 3:].copy()
+        return Poses(np.array(self._stamps), positions, rotations, zero_is_unset=True)
 
 
 class TransformTree:
@@ -128,7 +129,7 @@ class TransformTree:
                 else:
                     transform = _rigid(self._static[edge].poses()[-1:])
                 joined = joined @ (transform if forward else transform.inverse())
-        return Poses(poses.stamps_ns, *joined)
+        return Poses(poses.stamps_ns, *joined, zero_is_unset=True)
 
     def _split(self, source: str, frames: str) -> Edge:
         """Return the two frames, split at the dot that leaves a known one on either side."""
