@@ -327,7 +327,6 @@ def _of_columns(
         kind='arrays',
         paths=(),
         poses=Poses(stamps_ns, positions, rotations, covariances),
-        zero_stamps=True,
     )
 
 
