@@ -128,7 +128,7 @@ def test_a_result_is_shown_in_a_line_and_in_a_notebook_as_a_table(flight):
 def test_names_in_a_notebook_cannot_be_markup():
     estimate = vio.read('/vio/odometry', FLIGHT)
     hostile = vio.evaluate(
-        vio.Source('<script>alert(1)</script>', 'tum', (), estimate.poses, True),
+        vio.Source('<script>alert(1)</script>', 'tum', (), estimate.poses),
         '/ground_truth/pose',
         recording=FLIGHT,
     )
