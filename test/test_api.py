@@ -148,6 +148,16 @@ def test_there_is_no_other_plot(flight):
         flight.plot('map')
 
 
+def test_what_has_no_alignment_cannot_be_drawn_but_shown():
+    result = vio.evaluate((STAMPS, POSITIONS), (STAMPS, POSITIONS), alignment='origin')
+    with pytest.raises(vio.ConfigError, match='nothing to draw: the alignment is not determined'):
+        result.plot()
+    assert 'ATE - m' in repr(result)
+    assert '<td class="number">-</td>' in result._repr_html_()
+    assert result.errors()['ate_trans_m'].isna().all()
+    assert json.loads(result.to_json())['metrics']['ate_trans_rmse_m'] is None
+
+
 def test_a_source_becomes_a_table_and_back():
     source = vio.read('/vio/odometry', FLIGHT)
     assert repr(source) == '<Source /vio/odometry (rosbag2): 1,200 poses, 59.95 s>'

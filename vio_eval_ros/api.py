@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
+import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING, Union
 
@@ -142,9 +143,12 @@ class Result(RunResult):
 
         :param what: ``path`` (from above, coloured by position error), ``path_3d``, or ``errors``
             (over time).
+        :raises ConfigError: plotly is not installed, or there is nothing to draw.
         """
         if what not in PLOTS:
             raise ConfigError(f"plot: '{what}' is not one of {', '.join(PLOTS)}")
+        if math.isnan(self.metrics['ate_trans_rmse_m']):
+            raise ConfigError('there is nothing to draw: the alignment is not determined')
         try:
             from plotly.graph_objects import Figure
         except ImportError:
@@ -153,12 +157,13 @@ class Result(RunResult):
 
         course = plots.Course.of(self)
         if what == 'errors':
-            figure = plots.errors_over_time(
-                course, self.metrics['ate_trans_rmse_m'], self.metrics['ate_rot_rmse_deg']
-            )
+            rmse_m, rmse_deg = self.metrics['ate_trans_rmse_m'], self.metrics['ate_rot_rmse_deg']
+            figure = plots.errors_over_time(course, rmse_m, rmse_deg)
+            title = 'error of each pair; dashed: RMSE'
         else:
             figure = (plots.path_3d if what == 'path_3d' else plots.path_from_above)(course)
-        return Figure(figure)
+            title = f'position error 0 (blue) to {course.hottest:.3g} m (red); grey: ground truth'
+        return Figure(figure).update_layout(title=title, margin_t=50)
 
     def to_json(self) -> str:
         """Return the result in schema ``vio_eval_ros.result/1``."""
