@@ -24,9 +24,9 @@ from typing import NamedTuple
 import document
 from document import machine, ranged, Target, targets_table
 
-from vio_eval_ros.imu.simulate import EUROC
+from vio_eval_ros.imu.simulated_noise import EUROC
 from vio_eval_ros.simulation import at_rest, write_recording
-from vio_eval_ros.simulation.run import IMU_RATE_HZ
+from vio_eval_ros.simulation.simulated_run import IMU_RATE_HZ
 
 PROJECT = Path(__file__).resolve().parents[1]
 TITLE = 'IMU noise'

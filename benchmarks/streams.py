@@ -29,7 +29,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
 from vio_eval_ros.core.sensor_stream import SensorStream
-from vio_eval_ros.imu.simulate import EUROC
+from vio_eval_ros.imu.simulated_noise import EUROC
 from vio_eval_ros.simulation import simulate
 
 SECONDS = 60.0

@@ -10,7 +10,7 @@ from rosbags.typesys import get_typestore, Stores
 
 from verbs import call, complaint, document, start, transcript
 from vio_eval_ros.cli import imu_noise as verb
-from vio_eval_ros.imu.simulate import EUROC, simulate_noise
+from vio_eval_ros.imu.simulated_noise import EUROC, simulate_noise
 
 pytest.importorskip('allantools')
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from verbs import call, complaint, document, start, transcript
-from vio_eval_ros.imu.simulate import EUROC
+from vio_eval_ros.imu.simulated_noise import EUROC
 from vio_eval_ros.rendering.text import tum
 from vio_eval_ros.simulation import FAULTS, simulate
-from vio_eval_ros.simulation.recording import KINDS
+from vio_eval_ros.simulation.formats import KINDS
 
 NOISE = """gyroscope_noise_density: 2.0e-4
 gyroscope_random_walk: 3.0e-5

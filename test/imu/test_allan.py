@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from vio_eval_ros.imu.allan import allan_curve, Variances
-from vio_eval_ros.imu.simulate import Noise, simulate_axis
+from vio_eval_ros.imu.simulated_noise import Noise, simulate_axis
 
 allantools = pytest.importorskip('allantools')
 

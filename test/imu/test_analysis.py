@@ -8,9 +8,9 @@ import pytest
 
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.imu.analysis import analyse
-from vio_eval_ros.imu.documents import json_document, kalibr_document, plot, table
+from vio_eval_ros.imu.noise_reports import json_document, kalibr_document, plot, table
 from vio_eval_ros.imu.record import AXES, Record
-from vio_eval_ros.imu.simulate import EUROC, ImuNoise, Noise, simulate_noise
+from vio_eval_ros.imu.simulated_noise import EUROC, ImuNoise, Noise, simulate_noise
 
 pytest.importorskip('allantools')
 

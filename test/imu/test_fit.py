@@ -7,7 +7,7 @@ import pytest
 
 from vio_eval_ros.imu.allan import allan_curve, Curve
 from vio_eval_ros.imu.fit import fit_noise
-from vio_eval_ros.imu.simulate import EUROC, Noise, simulate_axis
+from vio_eval_ros.imu.simulated_noise import EUROC, Noise, simulate_axis
 
 pytest.importorskip('allantools')
 

@@ -12,8 +12,8 @@ from vio_eval_ros.cli.shell import Parser, progress, run
 from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
 from vio_eval_ros.errors import ConfigError, PASSED, UNABLE
 from vio_eval_ros.imu.analysis import analyse, Analysis, UNITS
-from vio_eval_ros.imu.documents import json_document, kalibr_document, plot, table
-from vio_eval_ros.imu.html import html_document
+from vio_eval_ros.imu.noise_page import html_document
+from vio_eval_ros.imu.noise_reports import json_document, kalibr_document, plot, table
 from vio_eval_ros.imu.record import Record
 from vio_eval_ros.recordings.imu import read_imu
 

@@ -14,14 +14,14 @@ from vio_eval_ros.cli.shell import Parser, progress, run
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.trajectory import clean, Cleaning, Trajectory
 from vio_eval_ros.errors import ConfigError, PASSED, ReadError
-from vio_eval_ros.imu.documents import KALIBR, PARAMETERS
-from vio_eval_ros.imu.simulate import EUROC, ImuNoise, Noise
+from vio_eval_ros.imu.noise_reports import KALIBR, PARAMETERS
+from vio_eval_ros.imu.simulated_noise import EUROC, ImuNoise, Noise
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.rendering.text import printable
 from vio_eval_ros.settings import finite, parse_yaml
 from vio_eval_ros.simulation import at_rest, Drift, FAULTS, simulate, SimulatedRun
 from vio_eval_ros.simulation.faults import inject, parse_fault, usage
-from vio_eval_ros.simulation.recording import check_out, kind_of, KINDS, write_recording
+from vio_eval_ros.simulation.formats import check_out, kind_of, KINDS, write_recording
 
 VERB = 'simulate'
 SEED = 7

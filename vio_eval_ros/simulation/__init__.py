@@ -7,7 +7,7 @@ because it was made wrong here.
 
 from vio_eval_ros.simulation.drift import Drift
 from vio_eval_ros.simulation.faults import FAULTS
-from vio_eval_ros.simulation.recording import write_recording
-from vio_eval_ros.simulation.run import at_rest, simulate, SimulatedRun
+from vio_eval_ros.simulation.formats import write_recording
+from vio_eval_ros.simulation.simulated_run import at_rest, simulate, SimulatedRun
 
 __all__ = ['FAULTS', 'Drift', 'SimulatedRun', 'at_rest', 'simulate', 'write_recording']

@@ -19,7 +19,7 @@ from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.steps import path_of_changed_steps
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.simulation.run import SimulatedRun
+from vio_eval_ros.simulation.simulated_run import SimulatedRun
 
 # Takes poses, random numbers for what the sizes leave open, and the sizes.
 Change = Callable[..., Trajectory]

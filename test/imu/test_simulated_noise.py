@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from vio_eval_ros.imu.simulate import EUROC, Noise, simulate_axis, simulate_noise
+from vio_eval_ros.imu.simulated_noise import EUROC, Noise, simulate_axis, simulate_noise
 
 RATE_HZ = 100.0
 

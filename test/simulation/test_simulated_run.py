@@ -10,7 +10,7 @@ from rosbags.highlevel import AnyReader
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.imu.simulate import EUROC, ImuNoise, Noise
+from vio_eval_ros.imu.simulated_noise import EUROC, ImuNoise, Noise
 from vio_eval_ros.simulation import at_rest, Drift, simulate, SimulatedRun
 
 BUNDLED = Path(__file__).resolve().parents[2] / 'demo' / 'simulated_flight'

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from vio_eval_ros.imu.analysis import analyse
-from vio_eval_ros.imu.html import html_document
+from vio_eval_ros.imu.noise_page import html_document
 from vio_eval_ros.imu.record import Record
-from vio_eval_ros.imu.simulate import EUROC, simulate_noise
+from vio_eval_ros.imu.simulated_noise import EUROC, simulate_noise
 
 HOSTILE = '</script><script>hacked=1</script>.csv'
 

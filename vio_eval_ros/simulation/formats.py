@@ -20,7 +20,7 @@ import numpy as np
 from vio_eval_ros.core.trajectory import blocks, Trajectory
 from vio_eval_ros.errors import ConfigError, WriteError
 from vio_eval_ros.rendering.text import formatted, tum
-from vio_eval_ros.simulation.run import Imu, IMU_RATE_HZ, SimulatedRun
+from vio_eval_ros.simulation.simulated_run import Imu, IMU_RATE_HZ, SimulatedRun
 
 # A pose is published this long after the image it is the pose of.
 VIO_LATENCY_NS = 38_000_000

@@ -9,11 +9,11 @@ import pytest
 
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError, WriteError
-from vio_eval_ros.imu.simulate import EUROC
+from vio_eval_ros.imu.simulated_noise import EUROC
 from vio_eval_ros.recordings.imu import read_imu
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.simulation import at_rest, simulate, SimulatedRun, write_recording
-from vio_eval_ros.simulation.recording import kind_of, KINDS
+from vio_eval_ros.simulation.formats import kind_of, KINDS
 
 RUN = simulate(duration_s=2, imu_noise=EUROC)
 SPECS = {

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from vio_eval_ros.imu.analysis import Analysis, Axis
-from vio_eval_ros.imu.documents import (
+from vio_eval_ros.imu.noise_reports import (
     band,
     cell,
     fitted_range,

@@ -8,7 +8,7 @@ import numpy as np
 
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.imu.simulate import ImuNoise, simulate_noise
+from vio_eval_ros.imu.simulated_noise import ImuNoise, simulate_noise
 from vio_eval_ros.simulation.drift import Drift, estimate, GOOD_STEREO
 from vio_eval_ros.simulation.flight import FIRST_STAMP_NS, Flight, GRAVITY
 
