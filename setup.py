@@ -1,12 +1,24 @@
 """Installs the package with colcon (`ament_python`) and with plain pip alike."""
 
 from glob import glob
+from pathlib import Path
+import sys
 
 from setuptools import find_packages, setup
 
 from vio_eval_ros.__main__ import VERBS
 
 NAME = 'vio_eval_ros'
+URL = 'https://github.com/vio-eval-ros/vio_eval_ros'
+# resolved, since `colcon build --symlink-install` runs a link to this file
+README = Path(__file__).resolve().with_name('README.md')
+
+# Pip gives one command, `vio_eval VERB`: names such as `play` would hide other programs. ROS gets
+# an executable for each verb in lib/vio_eval_ros, where `ros2 run` looks. setup.cfg sends the
+# scripts of exactly these two commands there, which colcon and bloom run, and pip does not.
+FOR_ROS = not {'develop', 'install'}.isdisjoint(sys.argv)
+COMMANDS = [f'{verb} = {module}:main' for verb, (module, _) in VERBS.items()]
+
 IMAGES = ['Pillow']
 IMU = ['allantools', 'matplotlib', 'plotly']
 PANDAS = ['pandas']
@@ -19,9 +31,35 @@ setup(
     # a literal, since that is what catkin_prepare_release can raise
     version='0.1.0',
     description='Accuracy of visual-inertial odometry and SLAM, while it runs and afterwards',
+    long_description=README.read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
+    keywords='ros ros2 vio slam odometry evaluation benchmark trajectory ate rpe imu',
     license='Apache-2.0',
     maintainer='vio_eval_ros maintainers',
     maintainer_email='maintainers@vio-eval-ros.example.org',
+    url=URL,
+    project_urls={
+        'Documentation': f'{URL}/tree/main/docs',
+        'Source': URL,
+        'Issues': f'{URL}/issues',
+        'Changelog': f'{URL}/blob/main/CHANGELOG.rst',
+    },
+    classifiers=[
+        'Development Status :: 4 - Beta',
+        'Environment :: Console',
+        'Intended Audience :: Developers',
+        'Intended Audience :: Science/Research',
+        'Operating System :: MacOS',
+        'Operating System :: POSIX :: Linux',
+        'Programming Language :: Python :: 3',
+        'Programming Language :: Python :: 3.10',
+        'Programming Language :: Python :: 3.11',
+        'Programming Language :: Python :: 3.12',
+        'Programming Language :: Python :: 3.13',
+        'Topic :: Scientific/Engineering',
+        'Topic :: Software Development :: Quality Assurance',
+        'Typing :: Typed',
+    ],
     packages=find_packages(include=[NAME, f'{NAME}.*']),
     package_data={NAME: ['py.typed'], f'{NAME}.rendering': ['page.css', 'page.js']},
     data_files=[
@@ -33,11 +71,12 @@ setup(
         (f'share/{NAME}/launch', sorted(glob('launch/*.launch.py'))),
     ],
     entry_points={
-        'console_scripts': [f'{verb} = {module}:main' for verb, (module, _) in VERBS.items()],
+        'console_scripts': COMMANDS if FOR_ROS else [f'vio_eval = {NAME}.__main__:main'],
     },
     zip_safe=True,
     python_requires='>=3.10',
     install_requires=[
+        'argcomplete',
         'mcap>=1.2',
         'numpy>=1.26',
         'PyYAML',
@@ -58,6 +97,8 @@ setup(
             *PANDAS,
             *REPORT,
             *ROS,
+            'build',
+            'check-jsonschema',
             'colcon-common-extensions',
             # the oracle; its newest releases need Python 3.11
             'evo==1.38.1; python_version >= "3.11"',
@@ -74,10 +115,13 @@ setup(
             'ruff',
             # the oracle of the permutation test
             'scipy>=1.15',
+            'twine',
             'types-PyYAML',
             'types-tabulate',
             'types-tqdm',
+            'wheel',
             'xmlschema',
+            'zizmor',
         ],
     },
 )

@@ -111,9 +111,7 @@ def subjects() -> Iterator[Subject]:
     ]
     for sequence, *specs in (*listed, *MORE):
         read = read_sources([f'{DATA}/{spec}' for spec in specs])
-        estimate, truth = (
-            clean(source.poses, Cleaning()) for source in read
-        )
+        estimate, truth = (clean(source.poses, Cleaning()) for source in read)
         parts = specs[0].partition('?')[0].split('/')
         yield Subject(f'{sequence} {parts[1]} {parts[-1]}', estimate, truth)
 

@@ -3,9 +3,13 @@
 import importlib
 from pathlib import Path
 import re
+import shutil
 import subprocess
 import sys
+import sysconfig
+import venv
 import xml.etree.ElementTree as ElementTree
+import zipfile
 
 import pytest
 
@@ -13,6 +17,8 @@ from vio_eval_ros.__main__ import main, VERBS
 from vio_eval_ros.version import __version__
 
 ROOT = Path(__file__).resolve().parents[1]
+# nothing is fetched: the build takes setuptools from the environment of the tests
+INSTALL = ('-m', 'pip', 'install', '--quiet', '--no-deps', '--no-build-isolation')
 
 
 def run(*command: str | Path, cwd: Path) -> str:
@@ -20,6 +26,39 @@ def run(*command: str | Path, cwd: Path) -> str:
     done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
+
+
+def new_environment(folder: Path) -> set[str]:
+    """Create an environment that sees the packages of this one; return its own programs."""
+    venv.create(folder, with_pip=False)
+    (site,) = folder.glob('lib/python*/site-packages')
+    (site / 'packages_of_the_tests.pth').write_text(f'{sysconfig.get_path("purelib")}\n')
+    return {file.name for file in (folder / 'bin').iterdir()}
+
+
+@pytest.fixture(scope='module')
+def linked(colcon, workspace, tmp_path_factory) -> Path:
+    """Return the folder into which colcon installed the package with links to its sources."""
+    folder = tmp_path_factory.mktemp('linked')
+    shutil.copytree(workspace / 'src', folder / 'src')
+    run(colcon, '--log-base', 'log', 'build', '--symlink-install', cwd=folder)
+    return folder / 'install' / 'vio_eval_ros'
+
+
+@pytest.fixture(scope='module')
+def distributions(workspace, tmp_path_factory) -> Path:
+    """Return a folder with what a release uploads: the sources, and a wheel built from them."""
+    folder, source = tmp_path_factory.mktemp('dist'), tmp_path_factory.mktemp('source')
+    shutil.copytree(workspace / 'src' / 'vio_eval_ros', source, dirs_exist_ok=True)
+    run(sys.executable, '-m', 'build', '--no-isolation', '--outdir', folder, source, cwd=folder)
+    return folder
+
+
+@pytest.fixture
+def wheel(distributions) -> Path:
+    """Return the wheel of a release."""
+    (wheel,) = distributions.glob('vio_eval_ros-*.whl')
+    return wheel
 
 
 def test_the_version_is_the_same_everywhere():
@@ -39,7 +78,52 @@ def test_every_verb_runs_from_a_colcon_workspace(installed, verb):
     executable = installed / 'lib' / 'vio_eval_ros' / verb
     setup = installed.parent / 'local_setup.bash'
     printed = run('bash', '-c', f'. {setup} && {executable} --help', cwd=installed)
-    assert 'usage' in printed
+    assert printed.startswith(f'usage: {verb} ')
+
+
+def test_colcon_installs_the_verbs_and_puts_none_on_the_path(installed, linked):
+    for prefix in (installed, linked):
+        assert {file.name for file in (prefix / 'lib' / 'vio_eval_ros').iterdir()} == set(VERBS)
+        assert not (prefix / 'bin').exists()
+
+
+def test_verbs_run_from_a_workspace_that_links_to_its_sources(linked):
+    setup = linked.parent / 'local_setup.bash'
+    executable = linked / 'lib' / 'vio_eval_ros' / 'replay'
+    printed = run('bash', '-c', f'. {setup} && {executable} --help', cwd=linked)
+    assert printed.startswith('usage: replay ')
+
+
+def test_pip_installs_one_command(wheel, tmp_path):
+    with zipfile.ZipFile(wheel) as archive:
+        assert not [name for name in archive.namelist() if '.data/scripts/' in name]
+    environment = tmp_path / 'environment'
+    before = new_environment(environment)
+    run(environment / 'bin/python', *INSTALL, wheel, cwd=tmp_path)
+    assert {file.name for file in (environment / 'bin').iterdir()} - before == {'vio_eval'}
+    printed = run(environment / 'bin/vio_eval', '--help', cwd=tmp_path)
+    assert printed.startswith('usage: vio_eval VERB ...')
+    printed = run(environment / 'bin/vio_eval', 'replay', '--help', cwd=tmp_path)
+    assert printed.startswith('usage: vio_eval replay ')
+    assert '\n  vio_eval replay run.mcap ' in printed
+
+
+def test_an_editable_install_has_the_same_command(workspace, tmp_path):
+    environment, source = tmp_path / 'environment', tmp_path / 'source'
+    shutil.copytree(workspace / 'src' / 'vio_eval_ros', source)
+    before = new_environment(environment)
+    run(environment / 'bin/python', *INSTALL, '--editable', source, cwd=tmp_path)
+    assert {file.name for file in (environment / 'bin').iterdir()} - before == {'vio_eval'}
+
+
+def test_the_package_index_takes_what_is_uploaded(distributions):
+    files = sorted(distributions.iterdir())
+    assert [file.name.partition('-')[2] for file in files] == [
+        f'{__version__}-py3-none-any.whl',
+        f'{__version__}.tar.gz',
+    ]
+    printed = run(sys.executable, '-m', 'twine', 'check', '--strict', *files, cwd=ROOT)
+    assert printed.count('PASSED') == 2
 
 
 def test_a_sourced_workspace_imports_the_installed_package(installed):

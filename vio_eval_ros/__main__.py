@@ -1,14 +1,19 @@
+# PYTHON_ARGCOMPLETE_OK
 """
-Run any verb without ROS: ``python -m vio_eval_ros VERB``.
+The command ``vio_eval VERB``, which is ``python -m vio_eval_ros VERB`` as well.
 
-With ROS the same verbs are ``ros2 run vio_eval_ros VERB``.
+In a ROS 2 workspace every verb is an executable: ``ros2 run vio_eval_ros VERB``.
 """
 
 from __future__ import annotations
 
+import argparse
 import difflib
 import importlib
+import os
 import sys
+
+from vio_eval_ros.cli.command import called_as, COMMAND
 
 #: Every verb: the module whose ``main`` runs it, and what it does. ``setup.py`` reads it too.
 VERBS: dict[str, tuple[str, str]] = {
@@ -25,7 +30,8 @@ VERBS: dict[str, tuple[str, str]] = {
 
 def _usage() -> str:
     verbs = '\n'.join(f'  {verb:<12}{purpose}' for verb, (_, purpose) in VERBS.items())
-    return f'usage: python -m vio_eval_ros VERB ...\n\n{verbs}\n\nVERB --help lists its options.'
+    command = called_as() or COMMAND
+    return f"usage: {command} VERB ...\n\n{verbs}\n\n'{command} VERB --help' lists its options."
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -36,6 +42,8 @@ def main(argv: list[str] | None = None) -> int:
     :return: the verb's exit status; 2 where there is no such verb.
     """
     argv = sys.argv[1:] if argv is None else argv
+    if '_ARGCOMPLETE' in os.environ:
+        argv = _verb_to_complete()
     if not argv:
         print(_usage(), file=sys.stderr)
         return 2
@@ -46,15 +54,36 @@ def main(argv: list[str] | None = None) -> int:
     if verb not in VERBS:
         near = difflib.get_close_matches(verb, VERBS, n=1, cutoff=0.5)
         hint = f"did you mean '{near[0]}'?" if near else f'choose from {", ".join(VERBS)}'
-        print(f"vio_eval_ros: there is no verb '{verb}'; {hint}", file=sys.stderr)
+        print(f"{COMMAND}: there is no verb '{verb}'; {hint}", file=sys.stderr)
         return 2
     module, _ = VERBS[verb]
     try:
         status: int = importlib.import_module(module).main(arguments)
-    except KeyboardInterrupt:  # it is not that far yet
+    except KeyboardInterrupt:  # before the verb handles it
         print(f'{verb}: interrupted', file=sys.stderr)
         return 2
     return status
+
+
+def _verb_to_complete() -> list[str]:
+    """
+    Complete the verb itself and exit, or return the verb whose parser is to complete the rest.
+
+    See https://kislyuk.github.io/argcomplete/ for the variables by which the shell asks.
+    """
+    import argcomplete
+    from argcomplete.lexers import split_line
+
+    line, point = os.environ['COMP_LINE'], int(os.environ['COMP_POINT'])
+    *_, words, _ = split_line(line, point)
+    first = int(os.environ['_ARGCOMPLETE'])  # 1 + the number of words before ours: an interpreter
+    if len(words) > first and words[first] in VERBS:
+        os.environ['_ARGCOMPLETE'] = str(first + 1)
+        return [words[first]]
+    parser = argparse.ArgumentParser(add_help=False)
+    parser.add_argument('verb', choices=VERBS)
+    argcomplete.autocomplete(parser)
+    return []
 
 
 if __name__ == '__main__':

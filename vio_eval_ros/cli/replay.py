@@ -6,6 +6,7 @@ import argparse
 from dataclasses import replace
 from pathlib import Path
 
+from vio_eval_ros.cli.completion import complete
 from vio_eval_ros.cli.inputs import add_inputs, sources_of
 from vio_eval_ros.cli.shell import add_options, config_of, Parser, run
 from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
@@ -57,7 +58,7 @@ def _parser() -> Parser:
         metavar='csv:PATH',
         help='write the running ATE and RPE, once for each second of stamps',
     )
-    output.add_argument(
+    gate = output.add_argument(
         '--gate',
         action='append',
         default=[],
@@ -65,6 +66,7 @@ def _parser() -> Parser:
         help='fail with status 1 where a metric is beyond a limit (<= or >=) or '
         'null; may be repeated',
     )
+    complete(gate, lambda **_: [f'{name}<=' for name in metric_names(EvaluationConfig())])
     output.add_argument(
         '--gates',
         type=Path,

@@ -13,6 +13,8 @@ import sys
 import time
 from typing import Any, NoReturn
 
+from vio_eval_ros.cli.command import called_as
+from vio_eval_ros.cli.completion import complete, words
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.errors import ConfigError, UNABLE, VioEvalError
 from vio_eval_ros.settings import options_of
@@ -32,15 +34,35 @@ class Help(argparse.RawDescriptionHelpFormatter):
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line, and to which -1e-5 is a number."""
+    """
+    The arguments of a verb; errors are one line, and -1e-5 is a number.
 
-    def __init__(self, **options: Any) -> None:
-        super().__init__(**options, allow_abbrev=False, formatter_class=Help)
+    :param prog: the verb. Usage and examples show it as it was called.
+    """
+
+    def __init__(self, prog: str, description: str | None, epilog: str) -> None:
+        self.verb = prog
+        command = f'{called_as()} {prog}'.lstrip()
+        super().__init__(
+            prog=command,
+            description=description,
+            epilog=epilog.replace(f'\n  {prog} ', f'\n  {command} '),
+            allow_abbrev=False,
+            formatter_class=Help,
+        )
         self._negative_number_matcher = re.compile(r'-(\d|\.\d|inf)')
+
+    def parse_args(self, *args: Any, **options: Any) -> Any:
+        """Parse the arguments, or complete them where the shell asks for that."""
+        if '_ARGCOMPLETE' in os.environ:
+            import argcomplete
+
+            argcomplete.autocomplete(self, always_complete_options=False)
+        return super().parse_args(*args, **options)
 
     def error(self, message: str) -> NoReturn:
         """Exit with status 2 and one line on stderr."""
-        self.exit(UNABLE, f'{self.prog}: {message}; see {self.prog} --help\n')
+        self.exit(UNABLE, f'{self.verb}: {message}; see {self.prog} --help\n')
 
 
 def run(verb: str, main: Callable[[], int]) -> int:
@@ -102,8 +124,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     for option in fields(EvaluationConfig):
         default = getattr(EvaluationConfig(), option.name)
         listed = isinstance(default, tuple)
-        words = default if listed else (default,)
-        shown = ' '.join(f'{w:g}' if isinstance(w, float) else w for w in words)
+        values = default if listed else (default,)
+        shown = ' '.join(f'{v:g}' if isinstance(v, float) else v for v in values)
         choices = option.metadata['choices']
         unit = option.name.rsplit('_')[-1].upper()
         shape: dict[str, Any] = {'metavar': '|'.join(choices) or unit}
@@ -111,12 +133,14 @@ def add_options(parser: argparse.ArgumentParser) -> None:
             shape = {'nargs': 7, 'metavar': ('X', 'Y', 'Z', 'QX', 'QY', 'QZ', 'QW')}
         elif listed:
             shape['nargs'] = '*'
-        group.add_argument(
+        action = group.add_argument(
             '--' + option.name.replace('_', '-'),
             dest=option.name,
             help=f'{option.metadata["description"]} (default: {shown or "none"})',
             **shape,
         )
+        if choices:
+            complete(action, words(choices))
 
 
 def config_of(arguments: argparse.Namespace) -> EvaluationConfig:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from vio_eval_ros.cli.completion import complete, reports
 from vio_eval_ros.cli.shell import complain
 from vio_eval_ros.errors import ConfigError, VioEvalError
 from vio_eval_ros.rendering.files import write
@@ -16,13 +17,14 @@ def add_reports(group: Any, formats: Iterable[str]) -> None:
     group.add_argument(
         '--json', action='store_true', help='print the result as JSON, and nothing else, on stdout'
     )
-    group.add_argument(
+    action = group.add_argument(
         '--report',
         action='append',
         default=[],
         metavar='FORMAT:PATH',
         help=f'write a report; {", ".join(formats)}; may be repeated',
     )
+    complete(action, reports(formats))
 
 
 class Target(NamedTuple):
