@@ -24,7 +24,8 @@ from launch.launch_description_entity import LaunchDescriptionEntity
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from vio_eval_ros.recordings.playback import Offer, Playback
+from vio_eval_ros.recordings.playback import Playback
+from vio_eval_ros.recordings.storage import Offer
 
 SHARE = Path(__file__).resolve().parents[1]
 SENSORS = ('/imu0', '/cam0/image_raw', '/cam1/image_raw')

@@ -19,8 +19,9 @@ from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 import yaml
 
 from vio_eval_ros.errors import ReadError, UnsupportedMessage, VioEvalError
-from vio_eval_ros.recordings import bags
-from vio_eval_ros.recordings.bags import Recording, Topic
+from vio_eval_ros.recordings import decoder
+from vio_eval_ros.recordings.bags import Recording
+from vio_eval_ros.recordings.container import Topic
 from vio_eval_ros.recordings.messages import collect, CONVERTERS, PATH, PathRevisions
 from vio_eval_ros.recordings.storage import McapStorage
 
@@ -626,7 +627,7 @@ def test_a_message_type_of_ones_own_making_is_converted_by_its_definition(tmp_pa
 
 def test_blocks_do_not_show(recording, monkeypatch):
     whole = read(recording('sqlite'), *SPECS)
-    monkeypatch.setattr(bags, 'BLOCK_BYTES', 1000)
+    monkeypatch.setattr(decoder, 'BLOCK_BYTES', 1000)
     for found, wanted in zip(read(recording('sqlite'), *SPECS), whole, strict=True):
         assert_identical(found, wanted)
 
@@ -834,7 +835,7 @@ def test_a_recording_by_another_name_is_told_by_its_content(
     [
         ('run.bag', 'does not begin as a ROS 1 bag does'),
         ('run.mcap', 'does not begin as an mcap file does'),
-        ('run.txt', 'is no recording; those are .bag, .db3, .mcap'),
+        ('run.txt', 'is not a recording (expected .bag, .db3, .mcap or a rosbag2 folder)'),
     ],
 )
 def test_a_file_of_something_else_is_refused(tmp_path, name, words):
@@ -928,10 +929,15 @@ def test_an_indexed_mcap_is_read_a_chunk_at_a_time(tmp_path):
         writer.finish()
     path.write_bytes(path.read_bytes().replace(b'second chunk', b'sEcond chunk'))
     with ExitStack() as stack:
-        messages = McapStorage(path, stack).messages({'/pose'})
-        assert next(messages) == (0, '/pose', b'first chunk')
-        with pytest.raises(CRCValidationError):
-            next(messages)
+        storage = McapStorage(path, stack)
+        for messages in (storage.as_written({'/pose'}), storage.messages({'/pose'})):
+            log_ns, channel, raw = next(messages)
+            assert (log_ns, channel.topic, raw) == (0, '/pose', b'first chunk')
+            with pytest.raises(CRCValidationError):
+                next(messages)
+        # a chunk that ends before the part asked for, or begins after it, is not read
+        assert len(list(storage.messages({'/pose'}, end_ns=0))) == 1
+        assert list(storage.messages({'/pose'}, begin_ns=2)) == []
 
 
 def test_a_length_beyond_all_memory_is_taken_for_damage(recording, monkeypatch):

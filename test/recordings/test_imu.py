@@ -10,7 +10,8 @@ from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
 from vio_eval_ros.errors import ReadError, UnsupportedMessage
-from vio_eval_ros.recordings import bags, imu
+from vio_eval_ros.recordings import decoder, imu
+from vio_eval_ros.recordings.bags import Recording
 from vio_eval_ros.recordings.imu import read_imu
 
 FIRST_NS = 1_403_636_579_763_555_584
@@ -113,7 +114,7 @@ def test_frames_of_changing_length_do_not_matter(tmp_path, kind):
 
 
 def test_samples_come_in_blocks(tmp_path, monkeypatch):
-    monkeypatch.setattr(imu, 'BLOCK_BYTES', 4_000)
+    monkeypatch.setattr(decoder, 'BLOCK_BYTES', 4_000)
     path = write(tmp_path / 'run', 'mcap', {'/imu0': made()})
     sink = Collected()
     read_imu(path, None, sink)
@@ -174,11 +175,11 @@ def test_a_damaged_message_is_an_error_of_one_line(tmp_path, monkeypatch):
     path = write(tmp_path / 'run', 'mcap', {'/imu0': made()})
 
     def cut(self, names):
-        for log_ns, name, raw in original(self, names):
-            yield log_ns, name, raw[:40]
+        for log_ns, channel, raw in original(self, names):
+            yield log_ns, channel, raw[:40]
 
-    original = bags.Recording._messages
-    monkeypatch.setattr(bags.Recording, '_messages', cut)
+    original = Recording.as_written
+    monkeypatch.setattr(Recording, 'as_written', cut)
     with pytest.raises(ReadError, match='damaged'):
         read(path)
 

@@ -20,7 +20,8 @@ from rosbags.typesys import get_typestore, Stores
 
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings import asl
-from vio_eval_ros.recordings.playback import Offer, Playback
+from vio_eval_ros.recordings.playback import Playback
+from vio_eval_ros.recordings.storage import Offer
 from vio_eval_ros.simulation import simulate, write_recording
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)

@@ -19,7 +19,7 @@ from vio_eval_ros.ros import without_ros
 from vio_eval_ros.settings import finite
 
 if TYPE_CHECKING:
-    from vio_eval_ros.recordings.bags import Topic
+    from vio_eval_ros.recordings.container import Topic
     from vio_eval_ros.recordings.playback import Playback
 
 EXAMPLES = """
@@ -125,7 +125,7 @@ def _publish(playback: Playback, options: argparse.Namespace, ros_arguments: lis
     end_ns = start_ns + round(length_s * 1e9)
 
     try:
-        from vio_eval_ros.recordings.playback import Offer
+        from vio_eval_ros.recordings.storage import Offer
         from vio_eval_ros.ros.player import message_class, Publication, running
     except ImportError as error:
         raise without_ros(error) from None

@@ -8,8 +8,7 @@ A further sensor is one function and one line in :data:`SENSORS`.
 from __future__ import annotations
 
 from array import array
-from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import csv
 import heapq
 from operator import itemgetter
@@ -19,8 +18,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vio_eval_ros.errors import ReadError
-from vio_eval_ros.recordings.bags import Topic
-from vio_eval_ros.recordings.storage import standard_types
+from vio_eval_ros.recordings.container import Topic
+from vio_eval_ros.recordings.storage import Offer, standard_types
 
 TYPES = standard_types(ros1=False).types
 LATEST_NS = 2**63 - 1
@@ -128,20 +127,17 @@ class AslFolder:
     :raises ReadError: a file that cannot be read or does not look as it should.
     """
 
-    offers: Mapping[str, list] = defaultdict(list)  # nothing is known of publishers
-    warnings: Sequence[str] = ()
-
     def __init__(self, path: Path, sensors: dict[Path, Sensor]) -> None:
         self.path = path
-        self._sensors = sensors
         self.topics: list[Topic] = []
+        self.offers: dict[str, Offer] = {}  # nothing is known of publishers
+        self.warnings: list[str] = []
+        self._sensors = sensors
         stamps: list[int] = []
         for folder, sensor in sensors.items():
-            count, ends = 0, ()
-            for stamp_ns, _ in _rows(folder, sensor):
-                count, ends = count + 1, (*ends[:1], stamp_ns)
-            self.topics.append(Topic(sensor.topic, sensor.msgtype, count))
-            stamps += ends
+            found = [stamp_ns for stamp_ns, _ in _rows(folder, sensor)]
+            self.topics.append(Topic(sensor.topic, sensor.msgtype, len(found)))
+            stamps += (*found[:1], *found[-1:])
         self.span_ns = (min(stamps), max(stamps)) if stamps else None
 
     def definition(self, topic: str) -> str:
@@ -176,9 +172,12 @@ class AslFolder:
                 head = header(time(*divmod(stamp_ns, 10**9)), sensor.frame)
                 try:
                     message = sensor.message(head, row, folder)
-                except (OSError, ValueError) as error:
+                    cdr = bytes(serialize(message, sensor.msgtype))
+                except ReadError:
+                    raise
+                except Exception as error:  # Pillow and struct have errors of their own
                     raise ReadError(folder, f'at stamp {stamp_ns}: {error}') from error
-                yield stamp_ns, sensor.topic, bytes(serialize(message, sensor.msgtype))
+                yield stamp_ns, sensor.topic, cdr
 
 
 def _labelled(folder: Path, sensor: Sensor) -> Iterator[tuple[int, list[str], Path, Sensor]]:

@@ -10,10 +10,11 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from vio_eval_ros.errors import ReadError, UnsupportedMessage
-from vio_eval_ros.recordings.bags import BLOCK_BYTES, Decoder, Recording, Topic
+from vio_eval_ros.recordings.bags import Recording
 from vio_eval_ros.recordings.cdr import columns, Layout
+from vio_eval_ros.recordings.container import reading, Topic
+from vio_eval_ros.recordings.decoder import Blocks, Decoder
 from vio_eval_ros.recordings.progress import Progress, silent
-from vio_eval_ros.recordings.storage import unreadable
 from vio_eval_ros.recordings.text import BadRow, line_of_row, parse, Rows, split_header
 
 IMU = 'sensor_msgs/msg/Imu'
@@ -107,25 +108,9 @@ def _imu_topic(recording: Recording, name: str | None, option: str) -> Topic:
 def _read_topic(recording: Recording, topic: Topic, sink: Sink, progress: Progress) -> None:
     """Hand all samples of a topic to a sink, in blocks."""
     decoder = recording.decoder(topic)
-    block: list[bytes] = []
-    held = 0
-
-    def take(_: int, message: bytes) -> None:
-        nonlocal held
-        block.append(message)
-        held += len(message)
-        if held > BLOCK_BYTES:
-            flush()
-
-    def flush() -> None:
-        nonlocal held
-        if block:
-            sink(*samples(block, decoder))
-            block.clear()
-            held = 0
-
-    recording.feed({topic.name: [take]}, progress)
-    flush()
+    blocks = Blocks(lambda block: sink(*samples(block, decoder)))
+    recording.feed({topic.name: [lambda _, message: blocks.add(message)]}, progress)
+    blocks.flush()
 
 
 def samples(messages: list[bytes], decoder: Decoder) -> tuple[np.ndarray, np.ndarray]:
@@ -138,10 +123,8 @@ def samples(messages: list[bytes], decoder: Decoder) -> tuple[np.ndarray, np.nda
     found = columns(LAYOUT, messages, decoder.ros1) if decoder.is_standard else None
     if found is not None:
         return found[0], found[1][:, SAMPLE]
-    try:
+    with reading(decoder.source):
         rows = [_sample(decoder.deserialize(message)) for message in messages]
-    except Exception as error:
-        raise unreadable(decoder.source, error) from error
     return np.array([row[0] for row in rows], np.int64), np.array([row[1:] for row in rows])
 
 

@@ -21,11 +21,12 @@ import numpy as np
 from vio_eval_ros.core.sensor_stream import SensorStream
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.asl import Sensor, sensors_in, table
-from vio_eval_ros.recordings.bags import BLOCK_BYTES, Decoder, Recording
+from vio_eval_ros.recordings.bags import Recording
+from vio_eval_ros.recordings.container import reading
+from vio_eval_ros.recordings.decoder import Blocks, Decoder
 from vio_eval_ros.recordings.imu import IMU, samples
 from vio_eval_ros.recordings.messages import CONVERTERS, PATH
 from vio_eval_ros.recordings.progress import Progress, silent
-from vio_eval_ros.recordings.storage import unreadable
 from vio_eval_ros.recordings.transforms import TF_TYPES
 
 IMAGES = ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage')
@@ -119,8 +120,7 @@ class _Collector:
         self._decoder = decoder
         self._logged, self._stamps = array('q'), array('q')
         self._frames: Counter[bytes] = Counter()
-        self._block: list[bytes] = []
-        self._bytes = 0
+        self._blocks = Blocks(self._decode)
         self._parts: list[np.ndarray] = []
         self._lacks: tuple[str, ...] = ()
         msgtype = decoder.msgtype
@@ -140,11 +140,9 @@ class _Collector:
         if begin and not any(raw[:4] if ros1 else raw[4:8]):
             self._stamps.append(0)  # no transform, no stamp
             return
-        try:
+        with reading(source):
             order = '<' if ros1 or raw[1] & 1 else '>'
             _, seconds, nanoseconds, length = struct.unpack_from(f'{order}IiII', raw, begin)
-        except (struct.error, IndexError) as error:
-            raise unreadable(source, error) from error
         name = begin + 16
         if length > len(raw) - name:
             raise ReadError(source, f'its message {len(self._logged)} is damaged')
@@ -152,14 +150,11 @@ class _Collector:
         if not begin:  # transforms are between many frames
             self._frames[bytes(raw[name : name + length])] += 1
         if self._has_numbers:
-            self._block.append(raw)
-            self._bytes += len(raw)
-            if self._bytes > BLOCK_BYTES:
-                self._decode()
+            self._blocks.add(raw)
 
     def stream(self) -> SensorStream:
         """Return all messages, in the order in which they were written."""
-        self._decode()
+        self._blocks.flush()
         width = IMU_NUMBERS if self._decoder.msgtype == IMU else POSE_NUMBERS
         return SensorStream(
             self._topic,
@@ -178,20 +173,17 @@ class _Collector:
             names[name.rstrip(b'\0').decode(errors='replace')] += count
         return names
 
-    def _decode(self) -> None:
-        if not self._block:
-            return
+    def _decode(self, block: list[bytes]) -> None:
         if self._decoder.msgtype == IMU:
-            part = samples(self._block, self._decoder)[1]
+            part = samples(block, self._decoder)[1]
             if not self._parts:  # what the first message says of it, all do
-                self._lacks = _lacking(self._decoder.deserialize(self._block[0]))
+                self._lacks = _lacking(self._decoder.deserialize(block[0]))
             for k, name in enumerate(SENSORS):
                 if name in self._lacks:
                     part[:, 3 * k : 3 * k + 3] = 0
             self._parts.append(part)
         else:
-            self._parts.append(self._decoder.columns(self._block)[1][:, :POSE_NUMBERS])
-        self._block, self._bytes = [], 0
+            self._parts.append(self._decoder.columns(block)[1][:, :POSE_NUMBERS])
 
 
 def _lacking(message: Any) -> tuple[str, ...]:

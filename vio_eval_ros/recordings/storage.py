@@ -1,5 +1,5 @@
 """
-The files that recordings are made of, and the libraries that read them.
+The files that recordings consist of, each read with a library.
 
 An mcap is read with the mcap library: it is as fast as rosbags there, and reads what that refuses
 (another profile than ros2, as converted and merged files have; topics that are not ROS's; files
@@ -9,49 +9,88 @@ Everything else is read with rosbags.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
+import heapq
 from io import SEEK_END
-from operator import attrgetter
-from pathlib import Path, PurePath
+from itertools import chain
+from operator import attrgetter, itemgetter
+from pathlib import Path
 from typing import Any
 
-from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, SeekingReader
-from mcap.records import Chunk, Message, Schema
-from mcap.stream_reader import breakup_chunk
+import mcap.records
+from mcap.records import ChunkIndex, Schema
 from mcap.summary import Summary
 from rosbags.highlevel import AnyReader
+from rosbags.interfaces import Qos, QosDurability, QosHistory, QosReliability
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
-from rosbags.typesys.store import Typestore
-import yaml
 
-from vio_eval_ros.errors import ReadError
+from vio_eval_ros.recordings.mcap_internals import chunk_messages
+from vio_eval_ros.recordings.rosbags_internals import profiles_in, Typestore
 
-Timed = tuple[int, str, bytes]  # nanoseconds at which a message was recorded, topic, bytes
-
-_MCAP_MAGIC = b'\x89MCAP0\r\n'  # begins and ends a file
-
-# The first bytes of each kind of file, the suffix it must have, its name, and how to mend it.
-_FILES = {
-    'ros1': (b'#ROSBAG V2.0\n', '.bag', 'a ROS 1 bag', '`rosbag reindex`'),
-    'rosbag2': (b'SQLite format 3\0', '.db3', 'an SQLite recording', '`sqlite3 FILE .recover`'),
-    'mcap': (_MCAP_MAGIC, '.mcap', 'an mcap file', '`mcap recover`'),
-}
+MCAP_MAGIC = b'\x89MCAP0\r\n'  # begins and ends a file
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Channel:
-    """A topic in one storage file; ``encoding`` is 'cdr' or 'ros1' where it can be decoded."""
+    """
+    A topic in one storage file.
+
+    :param msgtype: the type as ROS 2 spells it, in ROS 1 recordings too.
+    :param encoding: 'cdr' or 'ros1' where its messages can be decoded.
+    """
 
     topic: str
     msgtype: str
     count: int
     encoding: str
+    storage: Storage = field(repr=False)
+
+    def types(self) -> Typestore:
+        """Return the definition of the message type, the standard one where none is stored."""
+        return self.storage.types(self.msgtype)
+
+
+# When a message was recorded [ns], its channel and its bytes.
+Recorded = tuple[int, Channel, bytes]
+
+
+@dataclass(frozen=True)
+class Offer:
+    """
+    The QoS that the publisher of a topic offered when it was recorded.
+
+    :param reliable: lost messages are sent again.
+    :param latched: late subscribers get the last messages ('transient local').
+    :param depth: of the queue; 0 where it is not known.
+    """
+
+    reliable: bool = True
+    latched: bool = False
+    depth: int = 0
+
+    @classmethod
+    def of(cls, profile: Qos) -> Offer:
+        """Return the offer in a recorded profile; the default for what is unknown there."""
+        return cls(
+            profile.reliability != QosReliability.BEST_EFFORT,
+            profile.durability == QosDurability.TRANSIENT_LOCAL,
+            profile.depth if profile.history == QosHistory.KEEP_LAST else 0,
+        )
+
+    @classmethod
+    def common(cls, offers: Sequence[Offer]) -> Offer:
+        """Return what all publishers of a topic offered."""
+        return cls(
+            all(offer.reliable for offer in offers),
+            bool(offers) and all(offer.latched for offer in offers),
+            max((offer.depth for offer in offers), default=0),
+        )
 
 
 class RosbagsStorage:
@@ -62,27 +101,59 @@ class RosbagsStorage:
         self._reader = stack.enter_context(
             AnyReader([path], default_typestore=standard_types(ros1=False))
         )
-        self.channels = [
-            Channel(
+        self._channels = {
+            id(connection): Channel(
                 _rooted(connection.topic),
                 connection.msgtype,
                 connection.msgcount,
                 getattr(connection.ext, 'serialization_format', 'ros1'),
+                self,
             )
             for connection in self._reader.connections
-        ]
+        }
+
+    @property
+    def channels(self) -> list[Channel]:
+        """The topics of the file."""
+        return list(self._channels.values())
+
+    @property
+    def span_ns(self) -> tuple[int, int] | None:
+        """When the first and the last message were recorded; None without messages."""
+        if not any(channel.count for channel in self.channels):
+            return None
+        return self._reader.start_time, self._reader.end_time - 1  # rosbags excludes the end
 
     def types(self, msgtype: str) -> Typestore:
-        """Return the definitions of a message type, the standard ones where none are stored."""
+        """Return the definition of a message type, the standard one where none is stored."""
         stored = self._reader.typestore
         return stored if msgtype in stored.fielddefs else standard_types(not self._reader.is2)
 
-    def messages(self, names: set[str]) -> Iterator[Timed]:
-        """Yield the messages of some topics, in the order in which they were recorded."""
-        wanted = [c for c in self._reader.connections if _rooted(c.topic) in names]
+    def offers(self) -> dict[str, list[Offer]]:
+        """Return what the publishers of each topic offered."""
+        offers: dict[str, list[Offer]] = defaultdict(list)
+        for connection in self._reader.connections:
+            extension: Any = connection.ext
+            offers[_rooted(connection.topic)] += (
+                [Offer.of(profile) for profile in extension.offered_qos_profiles]
+                if self._reader.is2
+                else [Offer(latched=bool(extension.latching))]
+            )
+        return offers
+
+    def messages(
+        self, names: set[str], begin_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[Recorded]:
+        """Yield the messages of topics in the order of time, both ends included."""
+        wanted = [one for one in self._reader.connections if _rooted(one.topic) in names]
+        stop_ns = None if end_ns is None else end_ns + 1
         if wanted:  # to rosbags, none means all
-            for connection, log_ns, message in self._reader.messages(wanted):
-                yield log_ns, _rooted(connection.topic), message
+            for connection, log_ns, raw in self._reader.messages(wanted, begin_ns, stop_ns):
+                yield log_ns, self._channels[id(connection)], raw
+
+    def as_written(self, names: set[str]) -> Iterator[Recorded]:
+        """Yield the messages of topics; rosbags knows no other order than that of time."""
+        return self.messages(names)
 
 
 class McapStorage:
@@ -91,37 +162,39 @@ class McapStorage:
     def __init__(self, path: Path, stack: ExitStack) -> None:
         self.path = path
         self._stream = stack.enter_context(path.open('rb'))
-        self._reader = SeekingReader(self._stream, validate_crcs=True)
-        self._stream.seek(-len(_MCAP_MAGIC), SEEK_END)
-        if self._stream.read() != _MCAP_MAGIC:
+        reader = SeekingReader(self._stream, validate_crcs=True)
+        self._stream.seek(-len(MCAP_MAGIC), SEEK_END)
+        if self._stream.read() != MCAP_MAGIC:
             raise McapError('its end is missing')
-        self._summary = summary = self._reader.get_summary() or Summary()
-        schemas, channels = dict(summary.schemas), dict(summary.channels)
-        self._is_indexed = bool(summary.chunk_indexes and channels) and all(
-            channel.schema_id in (0, *schemas) for channel in channels.values()
-        )
-        if self._is_indexed and summary.statistics:
-            counts = Counter(summary.statistics.channel_message_counts)
-        else:
-            counts = Counter()
-            for schema, channel, _ in self._records():
-                counts[channel.id] += 1
-                channels[channel.id] = channel
-                schemas[channel.schema_id] = schema
-        self._schemas = {}
-        self.channels = []
-        for key, channel in channels.items():
-            schema = schemas.get(channel.schema_id) or Schema(0, b'', '', '')
+        summary = reader.get_summary() or Summary()
+        #: in the order of the file; None where there is no full index
+        self._index: list[ChunkIndex] | None = None
+        if summary.channels and all(
+            channel.schema_id in (0, *summary.schemas) for channel in summary.channels.values()
+        ):
+            by_offset = attrgetter('chunk_start_offset')
+            self._index = sorted(summary.chunk_indexes, key=by_offset) or None
+        counts = self._survey(summary)
+        self._records = dict(summary.channels)
+        self._schemas: dict[str, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+        for key, record in summary.channels.items():
+            schema = summary.schemas.get(record.schema_id) or Schema(0, b'', '', '')
             # ROS 1 writes nav_msgs/Odometry
             is_ros1 = schema.name.count('/') == 1
             msgtype = schema.name.replace('/', '/msg/') if is_ros1 else schema.name
             self._schemas[msgtype] = schema
-            self.channels.append(
-                Channel(_rooted(channel.topic), msgtype, counts[key], channel.message_encoding)
+            self._channels[key] = Channel(
+                _rooted(record.topic), msgtype, counts[key], record.message_encoding, self
             )
 
+    @property
+    def channels(self) -> list[Channel]:
+        """The topics of the file."""
+        return list(self._channels.values())
+
     def types(self, msgtype: str) -> Typestore:
-        """Return the definitions of a message type, the standard ones where none are stored."""
+        """Return the definition of a message type, the standard one where none is stored."""
         schema = self._schemas[msgtype]
         if schema.encoding not in ('ros1msg', 'ros2msg') or not schema.data:
             return standard_types(ros1=schema.encoding.startswith('ros1'))
@@ -129,113 +202,112 @@ class McapStorage:
         types.register(get_types_from_msg(schema.data.decode(), msgtype))
         return types
 
-    def messages(self, names: set[str]) -> Iterator[Timed]:
-        """Yield the messages of some topics, in the order of the file."""
-        # ROS 1 allows names without the leading slash
-        for _, channel, message in self._records({*names, *(name[1:] for name in names)}):
-            yield message.log_time, _rooted(channel.topic), message.data
+    def offers(self) -> dict[str, list[Offer]]:
+        """Return what the publishers of each topic offered."""
+        offers: dict[str, list[Offer]] = defaultdict(list)
+        for record in self._records.values():
+            profiles = profiles_in(record.metadata.get('offered_qos_profiles', ''))
+            offers[_rooted(record.topic)] += map(Offer.of, profiles)
+        return offers
 
-    def _records(self, topics: set[str] | None = None) -> Iterator[tuple[Any, Any, Any]]:
-        if self._is_indexed:
-            return self._indexed_records(topics)
+    def messages(
+        self, names: set[str], begin_ns: int | None = None, end_ns: int | None = None
+    ) -> Iterator[Recorded]:
+        """
+        Yield the messages of topics in the order of time, both ends included.
+
+        Those of a file without an index come in the order of the file.
+        """
+        begin = float('-inf') if begin_ns is None else begin_ns
+        end = float('inf') if end_ns is None else end_ns
+        if self._index is None:
+            ordered = self._front_to_back(names)
+        else:
+            ordered = merged(
+                (index.message_start_time, self._sorted_chunk(index, names))
+                for index in self._chunks(names)
+                if index.message_start_time <= end and index.message_end_time >= begin
+            )
+        return (message for message in ordered if begin <= message[0] <= end)
+
+    def as_written(self, names: set[str]) -> Iterator[Recorded]:
+        """Yield the messages of topics in the order of the file, a chunk in memory at a time."""
+        if self._index is None:
+            return self._front_to_back(names)
+        return chain.from_iterable(self._chunk(index, names) for index in self._chunks(names))
+
+    def _survey(self, summary: Summary) -> Counter[int]:
+        """Find the span; return the messages of each channel, and complete the summary."""
+        counts: Counter[int] = Counter()
+        self.span_ns: tuple[int, int] | None = None
+        if self._index is None:
+            for schema, channel, message in self._all_records():
+                counts[channel.id] += 1
+                summary.channels[channel.id] = channel
+                summary.schemas[channel.schema_id] = schema
+                first, last = self.span_ns or (message.log_time, message.log_time)
+                self.span_ns = min(first, message.log_time), max(last, message.log_time)
+            return counts
+        if filled := [index for index in self._index if index.message_end_time]:
+            self.span_ns = (
+                min(index.message_start_time for index in filled),
+                max(index.message_end_time for index in filled),
+            )
+        if summary.statistics:
+            counts.update(summary.statistics.channel_message_counts)
+        else:
+            for index in self._index:
+                for message in chunk_messages(self._stream, index):
+                    counts[summary.channels[message.channel_id].id] += 1
+        return counts
+
+    def _chunks(self, names: set[str]) -> Iterator[ChunkIndex]:
+        """Yield the chunks that may have messages of topics, in the order of the file."""
+        wanted = {key for key, channel in self._channels.items() if channel.topic in names}
+        for index in self._index or ():
+            # offsets may be left out; then only the chunk itself shows what is in it
+            if not index.message_index_offsets or wanted & index.message_index_offsets.keys():
+                yield index
+
+    def _chunk(self, index: ChunkIndex, names: set[str]) -> list[Recorded]:
+        """Return the messages of topics in a chunk, in the order of the file."""
+        found = (
+            (message.log_time, self._channels[message.channel_id], message.data)
+            for message in chunk_messages(self._stream, index)
+        )
+        return [message for message in found if message[1].topic in names]
+
+    def _sorted_chunk(self, index: ChunkIndex, names: set[str]) -> Iterator[Recorded]:
+        """Yield the messages of topics in a chunk in the order of time; read when begun."""
+        yield from sorted(self._chunk(index, names), key=itemgetter(0))
+
+    def _front_to_back(self, names: set[str]) -> Iterator[Recorded]:
+        """Yield the messages of topics in the order of the file, without an index."""
+        for _, record, message in self._all_records():
+            channel = self._channels[record.id]
+            if channel.topic in names:
+                yield message.log_time, channel, message.data
+
+    def _all_records(self) -> Iterator[tuple[Any, mcap.records.Channel, mcap.records.Message]]:
         self._stream.seek(0)
         reader = NonSeekingReader(self._stream, validate_crcs=True)
-        return reader.iter_messages(topics, log_time_order=False)
-
-    def _indexed_records(self, topics: set[str] | None) -> Iterator[tuple[Any, Any, Any]]:
-        """
-        Yield schema, channel and message of each record, in the order of the file.
-
-        One chunk is in memory at a time; the mcap library's own ``iter_messages`` without an order
-        reads them all before it yields.
-        """
-        schemas, channels = self._summary.schemas, self._summary.channels
-        wanted = {
-            key for key, channel in channels.items() if topics is None or channel.topic in topics
-        }
-        for index in sorted(self._summary.chunk_indexes, key=attrgetter('chunk_start_offset')):
-            # offsets may be left out; then only the chunk itself tells what is in it
-            if index.message_index_offsets and wanted.isdisjoint(index.message_index_offsets):
-                continue
-            self._stream.seek(index.chunk_start_offset + 1 + 8)  # behind opcode and length
-            chunk = Chunk.read(ReadDataStream(self._stream))
-            for record in breakup_chunk(chunk, validate_crc=True):
-                if isinstance(record, Message):
-                    channel = channels[record.channel_id]
-                    if channel.id in wanted:
-                        yield schemas.get(channel.schema_id), channel, record
+        return reader.iter_messages(log_time_order=False)
 
 
-def rosbag2_files(path: Path) -> tuple[tuple[Path, ...], bool]:
-    """Return the storage files of a rosbag2 folder, and whether anything in it is compressed."""
-    metadata = path / 'metadata.yaml'
-    if not metadata.exists():
-        raise ReadError(
-            path,
-            'is not a rosbag2 folder, it has no metadata.yaml; name one of its .db3 or .mcap '
-            'files, or let `ros2 bag reindex` write it',
-        )
-    try:
-        content = yaml.safe_load(metadata.read_text())['rosbag2_bagfile_information']
-        files = tuple(path / PurePath(name).name for name in content['relative_file_paths'])
-        mode = content.get('compression_mode') or ''
-        return files, mode.lower() not in ('', 'none')
-    except Exception as error:
-        raise unreadable(metadata, error) from error
+Storage = RosbagsStorage | McapStorage
 
 
-def identify(path: Path, compressed: bool) -> str:
-    """Return the kind of a storage file, after its content and its name, which must agree."""
-    with path.open('rb') as stream:
-        begin = stream.read(100)
-    if not begin:
-        raise ReadError(path, 'is empty (0 bytes)')
-    if begin.startswith(b'version https://git-lfs'):
-        raise ReadError(path, 'is a Git LFS pointer, not the recording; run `git lfs pull`')
-    if compressed:
-        return 'rosbag2'
-    named = next((kind for kind, row in _FILES.items() if row[1] == path.suffix), None)
-    found = next((kind for kind, row in _FILES.items() if begin.startswith(row[0])), None)
-    if found and found != named:
-        _, suffix, name, _ = _FILES[found]
-        raise ReadError(path, f'is {name}; rename it to end in {suffix}')
-    if not named:
-        raise ReadError(path, 'is no recording; those are .bag, .db3, .mcap and rosbag2 folders')
-    if not found:
-        name = _FILES[named][2]
-        raise ReadError(path, f'does not begin as {name} does; it is damaged or something else')
-    return found
-
-
-def open_storage(path: Path, kind: str, stack: ExitStack) -> RosbagsStorage | McapStorage:
-    """Return an open storage file of the given kind; the stack closes it."""
-    try:
-        return McapStorage(path, stack) if kind == 'mcap' else RosbagsStorage(path, stack)
-    except Exception as error:
-        raise unreadable(path, error) from error
-
-
-def unreadable(source: object, error: Exception) -> ReadError:
+def merged(parts: Iterable[tuple[int, Iterable[Recorded]]]) -> Iterator[Recorded]:
     """
-    Return what to tell the user of an exception on the way to the bytes.
+    Yield the messages of several parts in the order of time; of equal times, as the parts come.
 
-    Recordings come from anywhere, and on damaged ones the libraries raise nearly anything:
-    struct.error, KeyError, AssertionError, UnicodeDecodeError, zstd's and SQLite's errors, and
-    MemoryError where a damaged length is absurd. So Exception is caught around each call of
-    theirs, and only there.
+    :param parts: of each, the time [ns] before which it has no message, and its messages, in the
+        order of time. Those are not asked for before that time is due.
     """
-    if isinstance(error, ReadError):
-        return error
-    if isinstance(error, FileNotFoundError):
-        return ReadError(error.filename or source, 'there is no such file or folder')
-    if isinstance(error, PermissionError):
-        return ReadError(source, 'there is no permission to read it')
-    reason = ' '.join(str(error).split()) or type(error).__name__
-    if isinstance(error, KeyError):
-        reason = f'no entry {reason}'
-    mends = [row[3] for row in _FILES.values() if str(source).endswith(row[1])]
-    rescue = f'; {mends[0]} may save what is left' if mends else ''
-    return ReadError(source, f'is damaged or was cut short ({reason}){rescue}')
+    streams = (chain([(first_ns, None, b'')], messages) for first_ns, messages in parts)
+    for log_ns, channel, raw in heapq.merge(*streams, key=itemgetter(0)):
+        if channel is not None:
+            yield log_ns, channel, raw
 
 
 @cache
