@@ -43,11 +43,16 @@ test-fast: lint  ## the same without the tests that are slow or need ROS, in a m
 	@echo 'Running the fast tests'
 	@$(IN_VENV) -m pytest -q -n 2 -m 'not slow and not ros'
 
-lint: $(TESTING)  ## check style and types only
-	@echo 'Checking style (ruff) and types (mypy)'
+lint: $(TESTING)  ## check style, types and workflows only
+	@echo 'Checking style (ruff), types (mypy) and workflows (zizmor, check-jsonschema)'
 	@$(IN_VENV) -m ruff check --quiet
 	@$(IN_VENV) -m ruff format --check --quiet
 	@$(IN_VENV) -m mypy --no-error-summary
+	@$(VENV)/bin/zizmor --offline --quiet --strict-collection .
+	@$(VENV)/bin/check-jsonschema --quiet --builtin-schema vendor.github-workflows \
+		.github/workflows/*.yml
+	@$(VENV)/bin/check-jsonschema --quiet --builtin-schema vendor.github-actions action.yml
+	@$(VENV)/bin/check-jsonschema --quiet --builtin-schema vendor.dependabot .github/dependabot.yml
 
 format: $(TESTING)  ## lay out the code as the linter wants it
 	@$(IN_VENV) -m ruff check --fix --quiet
