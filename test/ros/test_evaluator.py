@@ -209,8 +209,8 @@ QOS = '-p qos_overrides./estimate.subscription'
         ('-p use_sim_time:=maybe', "'use_sim_time' to 'maybe' of type 'STRING', expecting type"),
         (f'{QOS}.reliability:=relible', 'policy `reliability`: `relible`'),
         (f'{QOS}.depth:=deep', "expecting type 'INTEGER'"),
-        (f'{QOS}.depth:=0', 'qos_overrides./estimate: depth is a number from 1 to 1000000'),
-        (f'{QOS}.history:=system_default', 'history is keep_last or keep_all'),
+        (f'{QOS}.depth:=0', 'qos_overrides./estimate: depth must be from 1 to 1000000'),
+        (f'{QOS}.history:=system_default', 'history must be keep_last or keep_all'),
         (
             f'{QOS}.relability:=reliable',
             "did you mean 'qos_overrides./estimate",

@@ -323,11 +323,11 @@ BAD = {
     'remap': ([DEMO, '--remap', '/a=/b'], "--remap '/a=/b': write OLD:=NEW"),
     'remap of two': (
         [DEMO, '--remap', '/vio/odometry:=/ground_truth/pose'],
-        '/ground_truth/pose and /vio/odometry would both be /ground_truth/pose',
+        '/ground_truth/pose and /vio/odometry would both become /ground_truth/pose',
     ),
     'remap to the clock': (
         [DEMO, '--remap', '/vio/odometry:=/clock'],
-        '/clock is the time of the recording',
+        '/clock is where play publishes the time',
     ),
     'escape sequence': (['nowhere\n\x1b[31m.bag'], 'nowhere ?[31m.bag: there is no such file'),
     'remap of nothing': ([DEMO, '--remap', '/a:=/b'], '/a is not played; topics: '),
@@ -348,7 +348,7 @@ def test_a_name_that_no_topic_may_have_is_said_in_one_line(play):
 @needs_ros
 def test_a_recording_that_nobody_listens_to_is_told(play):
     said = ended(play(DEMO, '--rate', '100', '--topics', '/vio/odometry', '--duration', '5'))
-    assert said.splitlines()[-1] == 'play: nobody subscribes to /vio/odometry'
+    assert said.splitlines()[-1] == 'play: no subscribers of /vio/odometry'
 
 
 @needs_ros
@@ -369,7 +369,7 @@ def test_it_plays_on_when_nobody_reads_what_it_says(play, listening):
 def test_a_domain_that_there_is_not_is_one_line(start, environment, verb, domain):
     environment['ROS_DOMAIN_ID'] = domain
     said = ended(start('-m', 'vio_eval_ros', verb, *[DEMO][: verb == 'play']), status=2)
-    assert said == f"{verb}: ROS_DOMAIN_ID: '{domain}' is no number from 0 to 232\n"
+    assert said == f"{verb}: ROS_DOMAIN_ID: '{domain}' is not a number from 0 to 232\n"
 
 
 @needs_ros

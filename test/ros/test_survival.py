@@ -146,7 +146,7 @@ def test_messages_that_are_not_what_they_say_are_counted(graph, ros, evaluator, 
     estimate.publish(b'\x00\x01\x00\x00no Odometry')
     ros.send(estimate, flight.estimate[200:])
     ros.send(truth, flight.ground_truth)
-    graph.wait_for('streams', 'WARN', '1 messages on /estimate are no nav_msgs/msg/Odometry')
+    graph.wait_for('streams', 'WARN', '1 message on /estimate could not be decoded as nav_msgs/msg/Odometry')
     graph.wait_for('association', 'OK', pairs=381)
 
 

@@ -1,4 +1,4 @@
-"""Publishes a recording into ROS 2: its own bytes and stamps, at the pace of its own clock."""
+"""Publishes a recording into ROS 2: its own bytes and stamps, at the pace it was recorded."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ exit status: 0 played to the end or interrupted, 2 could not be done
 
 def main(argv: list[str] | None = None) -> int:
     """Run the verb; return its exit status."""
-    # Ctrl-C and SIGTERM are how one ends it, also where a shell had it started in the background
+    # set here, since a shell has what it starts in the background ignore Ctrl-C
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
     arguments, ros_arguments = _split(sys.argv[1:] if argv is None else argv)
@@ -64,23 +64,31 @@ def _parser() -> Parser:
     )
     parser.add_argument('--topics', nargs='+', metavar='T', help='play these only (default: all)')
     parser.add_argument(
-        '--rate', type=_positive, default=1.0, metavar='R', help='times real time (default: 1)'
+        '--rate',
+        type=_positive,
+        default=1.0,
+        metavar='R',
+        help='times real time (default: 1)',
     )
     parser.add_argument(
         '--start', type=_not_negative, default=0.0, metavar='S', help='skip the first seconds'
     )
     parser.add_argument(
-        '--duration', type=_positive, default=math.inf, metavar='S', help='play so many seconds'
+        '--duration', type=_positive, default=math.inf, metavar='S', help='play this many seconds'
     )
-    parser.add_argument('--loop', action='store_true', help='begin again at the end')
+    parser.add_argument('--loop', action='store_true', help='start again at the end')
     parser.add_argument('--paused', action='store_true', help='wait for ~/resume or ~/step')
     parser.add_argument(
-        '--remap', nargs='+', default=[], metavar='OLD:=NEW', help='publish topics by other names'
+        '--remap',
+        nargs='+',
+        default=[],
+        metavar='OLD:=NEW',
+        help='publish under other names',
     )
     parser.add_argument(
         '--wait-for-subscribers',
         action='store_true',
-        help='begin when each topic that is played has a subscriber, whoever that is',
+        help='start when every topic that is played has a subscriber',
     )
     return parser
 
@@ -101,7 +109,7 @@ def _not_negative(text: str) -> float:
 
 def _play(options: argparse.Namespace, ros_arguments: list[str]) -> int:
     try:
-        # imported here, so that Ctrl-C is heard meanwhile
+        # imported here, so that Ctrl-C works meanwhile
         from vio_eval_ros.recordings.playback import Playback
 
         with Playback(options.recording) as playback:
@@ -138,7 +146,7 @@ def _publish(playback: Playback, options: argparse.Namespace, ros_arguments: lis
         offer = playback.offers.get(topic.name, Offer())
         publications.append(Publication(topic.name, new_names[topic.name], known, offer))
     if not publications:
-        raise VioEvalError('nothing to play: there is no topic that can be')
+        raise VioEvalError('nothing to play: none of the topics can be published')
     names = {publication.topic for publication in publications}
 
     with running(publications, options.rate, options.paused, ros_arguments, _say) as player:
@@ -151,7 +159,7 @@ def _publish(playback: Playback, options: argparse.Namespace, ros_arguments: lis
                 with _progress(length_s) as progress:
                     player.play(messages, start_ns, progress)
                 if not player.published:
-                    raise ReadError(options.recording, 'there are no messages in that part of it')
+                    raise ReadError(options.recording, 'it has no messages in that part')
         finally:
             _say(
                 f'published {player.published:,} messages of {len(names)} topics in '
@@ -159,15 +167,15 @@ def _publish(playback: Playback, options: argparse.Namespace, ros_arguments: lis
                 f'largest delay {player.largest_delay_s * 1e3:.1f} ms'
             )
             if unheard := player.without_subscribers():
-                _say(f'nobody subscribes to {", ".join(unheard)}')
+                _say(f'no subscribers of {", ".join(unheard)}')
         player.flush()
 
 
 def _chosen(playback: Playback, wanted: Sequence[str] | None) -> list[Topic]:
-    """Return the topics to play; ``/clock`` is not one of them, it is told while playing."""
+    """Return the topics to play; ``/clock`` is not one of them, play publishes its own."""
     there = {topic.name: topic for topic in playback.topics if topic.count}
     if there.pop('/clock', None):
-        _say('/clock is not played as recorded, but told anew')
+        _say('ignoring the recorded /clock; play publishes its own')
     names = [f'/{name.lstrip("/")}' for name in wanted or there]
     for name in names:
         if name not in there:
@@ -182,7 +190,7 @@ def _listed(topics: Iterable[Topic]) -> str:
 
 
 def _new_names(topics: Sequence[Topic], remap: Sequence[str]) -> dict[str, str]:
-    """Return under which name to publish each topic."""
+    """Return the name under which to publish each topic."""
     names = {topic.name: topic.name for topic in topics}
     for rule in remap:
         old, assigned, new = rule.partition(':=')
@@ -194,10 +202,10 @@ def _new_names(topics: Sequence[Topic], remap: Sequence[str]) -> dict[str, str]:
         names[old] = new
     for name in names.values():
         if name.lstrip('/') == 'clock':
-            raise ConfigError('--remap: /clock is the time of the recording, which play tells')
+            raise ConfigError('--remap: /clock is where play publishes the time')
         both = [old for old, new in names.items() if new.lstrip('/') == name.lstrip('/')]
         if len(both) > 1:
-            raise ConfigError(f'--remap: {" and ".join(both)} would both be {name}')
+            raise ConfigError(f'--remap: {" and ".join(both)} would both become {name}')
     return names
 
 
@@ -211,8 +219,8 @@ def _wait_for_subscribers(player: Any) -> None:
 
 
 @contextmanager
-def _progress(length_s: float) -> Iterator[Callable[[float], None]]:
-    """Return what takes the seconds that have been played; a terminal shows them as a bar."""
+def _progress(length_s: float) -> Iterator[Callable[[float], object]]:
+    """Return what takes the seconds played so far; a terminal shows them as a bar."""
     if sys.stderr is None or not sys.stderr.isatty():
         yield lambda seconds: None
         return
@@ -228,7 +236,7 @@ def _progress(length_s: float) -> Iterator[Callable[[float], None]]:
 
 
 def _say(line: str) -> None:
-    """Tell the user, if anybody listens; playing goes on if not."""
+    """Print a line on stderr; playing goes on where nobody reads it."""
     if sys.stderr is None:
         return
     from vio_eval_ros.rendering.text import printable

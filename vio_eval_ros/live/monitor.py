@@ -1,8 +1,8 @@
 """
 What is wrong with a run that goes on, from its pairs so far.
 
-Knows nothing of ROS. A diagnosis takes a second at most, in a thread of its own, and together they
-take no more than a small share of the time.
+A diagnosis takes a second at most, in a thread of its own, and all together take no more than a
+small share of the time.
 """
 
 from __future__ import annotations
@@ -18,36 +18,36 @@ from vio_eval_ros.diagnosis.diagnosis import diagnose_run, Diagnosis
 from vio_eval_ros.diagnosis.run import Run
 from vio_eval_ros.errors import NoPairs
 
-EVERY_S = 10.0
-#: of a processor's time, that diagnoses may take
-SHARE = 0.02
-#: a run that is shorter may be all initialisation
+INTERVAL_S = 10.0
+#: share of a processor's time that diagnoses may take
+CPU_RATIO = 0.02
+#: a shorter run may be all initialisation
 SHORTEST_S = 20.0
 MOST_PAIRS = 10_000
-#: what more pairs a second would add costs more than it tells
+#: pairs closer together than this add more work than information
 DENSE_S = 0.1
 
 
-class Diagnosing:
+class DiagnosisMonitor:
     """
-    The diagnosis of one run, brought up to date now and then.
+    The diagnosis of one run, updated now and then.
 
     :param config: the options of the evaluation that the pairs come from.
     """
 
     def __init__(self, config: EvaluationConfig) -> None:
-        #: None where nothing can be told yet
+        #: None until there is enough to diagnose
         self.latest: Diagnosis | None = None
         #: how many pairs it is of
         self.pairs = 0
-        #: what went wrong in the last one, a bug that is to be reported
+        #: the error that ended the last one, a bug to report
         self.problem = ''
         self._config = config
         self._thread: Thread | None = None
         self._due_s = 0.0
 
     def look(self, pairs: Pairs) -> None:
-        """Begin the next diagnosis, where it is due and there are pairs that it can tell from."""
+        """Begin the next diagnosis, where it is due and the pairs suffice."""
         busy = self._thread is not None and self._thread.is_alive()
         if not busy and time.monotonic() >= self._due_s and long_enough(pairs):
             self._thread = Thread(target=self._diagnose, args=(sample(pairs),))
@@ -72,17 +72,17 @@ class Diagnosing:
         except Exception as error:  # the evaluation must go on
             self.problem = f'{type(error).__name__}: {error}'
         busy_s = time.thread_time() - busy_s
-        self._due_s = began_s + max(EVERY_S, busy_s / SHARE)
+        self._due_s = began_s + max(INTERVAL_S, busy_s / CPU_RATIO)
 
 
 def long_enough(pairs: Pairs) -> bool:
-    """Return whether pairs are of a time in which more happens than initialisation."""
+    """Return whether pairs span more time than initialisation takes."""
     stamps_ns = pairs.estimate.stamps_ns
     return len(pairs) > 1 and float(stamps_ns[-1] - stamps_ns[0]) >= SHORTEST_S * 1e9
 
 
 def sample(pairs: Pairs) -> Pairs:
-    """Return all pairs where they are few, else the newest, evenly chosen and not too sparse."""
+    """Return all pairs where they are few, else the newest, evenly spaced and not too sparse."""
     if len(pairs) <= MOST_PAIRS:
         return pairs
     interval_s = float(np.ptp(pairs.estimate.stamps_ns)) / 1e9 / len(pairs)

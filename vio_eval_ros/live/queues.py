@@ -1,10 +1,16 @@
-"""Which run a pose belongs to: the next one begins where a stream jumps back in time."""
+"""
+Which run a pose belongs to: the next one begins where a stream jumps back in time.
+
+On its way from a topic to a number a pose waits three times: here until it is certain which run it
+belongs to, in the series of :class:`LiveRun` until both streams have passed its second, and in the
+association until no nearer pose can come.
+"""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from typing import NamedTuple, TYPE_CHECKING
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,18 +18,17 @@ from vio_eval_ros.core.association import AFTER_ALL, BEFORE_ALL
 from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.recordings.messages import PathRevisions
 
-if TYPE_CHECKING:
-    from vio_eval_ros.ros.pose_topic import PoseTopic
-
 JUMP_BACK_NS = 1_000_000_000
 JUMP_AHEAD_NS = 60_000_000_000
+#: so many poses in a row must have jumped
 MIN_JUMPED = 5
-# How long a stream may lag behind another: only then does it count as one that did not jump back.
+#: how long to wait for the other stream to jump back as well
 LAG_S = 5.0
-MOST_WAITING = 3  # so that two publishers with different clocks do not split it forever
+#: so many jumps may wait: two publishers with different clocks must not split a stream for ever
+MOST_WAITING = 3
 
 
-class Jump(NamedTuple):
+class TimeJump(NamedTuple):
     """Between which stamps [ns] a stream jumped back, and when that was seen [monotonic s]."""
 
     from_ns: int
@@ -37,15 +42,17 @@ class Jump(NamedTuple):
 
 class RunQueue:
     """
-    The poses of a stream as they arrive, told apart by run.
+    The poses of a stream as they arrive, separated by run.
 
-    A run ends where the stream jumps back by more than a second. A late pose is no jump: several
-    in a row must be that far behind, and until that is certain they are withheld. So are those
-    that are far ahead; where they stay alone, they are handed on at the end of their run.
+    A run ends where the stream jumps back by more than a second. A single late pose is not a jump:
+    several in a row must be that late, and until that is certain they are withheld. So are those
+    that are far ahead; where they remain single, they are handed on at the end of their run.
+
+    ``oldest_ns`` and ``newest_ns`` are of the newest run; poses stamped 0 do not count.
     """
 
     def __init__(self) -> None:
-        self.jumps: deque[Jump] = deque()
+        self.jumps: deque[TimeJump] = deque()
         self._runs: deque[list[Poses]] = deque([[]])
         self._begin_run()
         self._withheld: Poses = Trajectory.empty()
@@ -111,7 +118,7 @@ class RunQueue:
                 looked_at = k + 1
 
     def _begin_next(self, begin_ns: int, now_s: float) -> None:
-        self.jumps.append(Jump(self.newest_ns, begin_ns, now_s))
+        self.jumps.append(TimeJump(self.newest_ns, begin_ns, now_s))
         self._runs[-1] += self._astray
         self._astray = []
         self._runs.append([])
@@ -133,10 +140,10 @@ class RunQueue:
 
 class PathQueue(RunQueue):
     """
-    The poses of Path messages as first published, told apart by run.
+    The poses of Path messages as first published, separated by run.
 
-    A Path that ends behind the half of the one before begins the next run, if the message after it
-    does so too: a single one is late, and one that ends a little earlier has been pruned.
+    A Path that ends before the middle of the run so far begins the next run, if the message after
+    it does so too: a single one is late, and one that ends a little earlier has been pruned.
 
     :param topic: what an error names.
     """
@@ -146,7 +153,10 @@ class PathQueue(RunQueue):
         self._topic = topic
         self._revisions = deque([PathRevisions(topic)])
         self._suspect: Poses | None = None
-        self._begin_path()
+        self._first_ns: int = AFTER_ALL
+        self._last_ns: int = BEFORE_ALL
+        #: what is not after this belongs to a run that is over
+        self._over_ns: int = BEFORE_ALL
 
     @property
     def revisions(self) -> PathRevisions:
@@ -162,7 +172,7 @@ class PathQueue(RunQueue):
         if restarts:
             self._begin_next(int(poses.stamps_ns.min()), now_s)
             self._revisions.append(PathRevisions(self._topic))
-            self._begin_path()
+            self._first_ns, self._last_ns, self._over_ns = AFTER_ALL, BEFORE_ALL, BEFORE_ALL
         self.release()
         self._first_ns = min(self._first_ns, int(poses.stamps_ns.min()))
         self._last_ns = max(self._last_ns, int(poses.stamps_ns.max()))
@@ -186,10 +196,6 @@ class PathQueue(RunQueue):
     def _revise(self, poses: Poses) -> None:
         self._append(self._revisions[-1].add(poses[poses.stamps_ns > self._over_ns]))
 
-    def _begin_path(self) -> None:
-        self._first_ns, self._last_ns = AFTER_ALL, BEFORE_ALL
-        self._over_ns = BEFORE_ALL
-
     def _is_far_behind(self, poses: Poses) -> bool:
         if self._last_ns == BEFORE_ALL:
             return False
@@ -199,9 +205,9 @@ class PathQueue(RunQueue):
 
 def next_jump(stamps_ns: np.ndarray, newest_ns: int) -> tuple[int, bool]:
     """
-    Return how many stamps surely belong to the run, and whether the next one follows them.
+    Return how many stamps certainly belong to the run, and whether the next run follows them.
 
-    Stamps of 0 tell nothing: they are those of messages that were published before ``/clock``.
+    Stamps of 0 are ignored: they are of messages that were published before ``/clock``.
 
     :param stamps_ns: (N,) in order of arrival.
     :param newest_ns: the newest stamp before them.
@@ -219,20 +225,32 @@ def next_jump(stamps_ns: np.ndarray, newest_ns: int) -> tuple[int, bool]:
     return int(begins[-1]) if behind[-1] else len(stamps_ns), False
 
 
-def why_the_run_ends(streams: Sequence[PoseTopic], now_s: float, at_once: bool = False) -> str:
+class Progress(NamedTuple):
     """
-    Return which jump back in time ends the run of these streams, if any.
+    How far a stream has come.
+
+    :param received_s: when a message arrived last [monotonic s].
+    :param jump: the first jump back after which the run has not ended yet.
+    """
+
+    topic: str
+    received_s: float
+    jump: TimeJump | None
+
+
+def why_the_run_ends(streams: Sequence[Progress], now_s: float, at_once: bool = False) -> str:
+    """
+    Return which jump back in time ends the run of these streams; empty where none does.
 
     Not before all have jumped or had time to: what is still under way belongs to this run.
 
     :param now_s: the time [monotonic s].
     :param at_once: nothing more is under way.
     """
-    jumped = [stream for stream in streams if stream.runs.jumps]
-    if not jumped:
+    jumps = [(stream.topic, stream.jump) for stream in streams if stream.jump is not None]
+    if not jumps:
         return ''
-    first = min(jumped, key=lambda stream: stream.runs.jumps[0].seen_s)
-    jump = first.runs.jumps[0]
-    lagging = any(now_s - stream.received_s < LAG_S for stream in streams if stream not in jumped)
+    topic, jump = min(jumps, key=lambda item: item[1].seen_s)
+    lagging = any(now_s - stream.received_s < LAG_S for stream in streams if stream.jump is None)
     has_time = now_s - jump.seen_s < LAG_S
-    return '' if lagging and has_time and not at_once else f'{first.topic} {jump}'
+    return '' if lagging and has_time and not at_once else f'{topic} {jump}'

@@ -10,7 +10,7 @@ from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.live.run import LiveRun, make_writable, remove_report
 
 
-class Reporter:
+class ReportFolder:
     """
     Writes the reports of runs; a folder that cannot be written is told, and no reason to stop.
 

@@ -7,23 +7,26 @@ Knows nothing of ROS: the node moves poses in and results out.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
+import math
 from pathlib import Path
 from tempfile import TemporaryFile
 
 import numpy as np
 
+from vio_eval_ros.core.association import Side
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.core.evaluation import Evaluation, MOST_WAITING, RunningSeries
+from vio_eval_ros.core.evaluation import Evaluation, MOST_WAITING, RunningSeries, Summary
 from vio_eval_ros.core.gates import Gate, judge
 from vio_eval_ros.core.steps import step_lengths
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ReadError, WriteError
 from vio_eval_ros.evaluation.result import Input, Result
-from vio_eval_ros.live.monitor import Diagnosing
+from vio_eval_ros.live.health import RunState, SideState
+from vio_eval_ros.live.monitor import DiagnosisMonitor
 from vio_eval_ros.recordings.messages import PathRevisions
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.rendering.files import write_all
@@ -31,47 +34,63 @@ from vio_eval_ros.rendering.text import tum
 from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.tables import series_csv
 
+#: the smallest step of the estimate, beyond that of the ground truth, that is called a jump
 MIN_JUMP_M = 0.5
 REPORT_FILES = {'json': 'result.json', 'markdown': 'result.md', 'csv': 'errors.csv'}
 SERIES, ESTIMATE, GROUND_TRUTH = 'series.csv', 'estimate.tum', 'ground_truth.tum'
 
 
-class LiveRun:
+@dataclass(frozen=True, eq=False)
+class RunSetup:
     """
-    One run of the estimator under test, from its first pose to its last.
+    What the runs of an evaluator have in common.
 
     :param names: what the estimate and the ground truth are called in the result.
     :param truth: the ground truth, where it comes from a file.
     :param max_pairs: how many pairs are kept, see :class:`Evaluation`.
     """
 
-    def __init__(
-        self,
-        config: EvaluationConfig,
-        gates: Sequence[Gate],
-        names: tuple[str, str],
-        truth: Source | None = None,
-        max_pairs: int | None = None,
-    ) -> None:
-        self.config = config
+    config: EvaluationConfig
+    names: tuple[str, str]
+    gates: Sequence[Gate] = ()
+    truth: Source | None = None
+    max_pairs: int | None = None
+
+
+class LiveRun:
+    """
+    One run of the estimator under test, from its first pose to its last.
+
+    :param number: which run of the evaluator it is, from 1.
+    :param began_as: why the run before it ended; empty for the first.
+    """
+
+    def __init__(self, setup: RunSetup, number: int = 1, began_as: str = '') -> None:
+        self.number = number
+        self.began_as = began_as
+        #: the running values of the last second that is over
+        self.values: Mapping[str, float] = {}
+        #: all metrics of the window
+        self.window: Mapping[str, float] = {}
+        #: whether no pose has arrived
+        self.is_empty = True
         #: what the user should know of how the poses came here, for the warnings of the result
         self.notes: list[str] = []
         #: why it is as bad as it is
-        self.diagnosing = Diagnosing(config)
-        self._series = RunningSeries(config, max_pairs)
-        self._rows = Rows()
-        self._gates = gates
-        self._names = names
-        self._truth = truth
+        self.monitor = DiagnosisMonitor(setup.config)
+        self._setup = setup
+        self._series = RunningSeries(setup.config, setup.max_pairs)
+        self._rows = SeriesRows()
+        self._window_s = 0.0
         self._seen = 0
-        self._jump: tuple[int, float] | None = None
+        self._largest_jump: tuple[int, float] | None = None
         self._revisions: PathRevisions | None = None
         # needed once more for an estimate that is revised; None when it is known not to be
         self._true_poses: list[Poses] | None = []
-        self._most_true = MOST_WAITING * max_pairs if max_pairs else 0
+        self._most_true = MOST_WAITING * setup.max_pairs if setup.max_pairs else 0
         self._given_up = 0
-        if truth is not None:
-            self._series.add_ground_truth(truth.poses, waits=False)
+        if setup.truth is not None:
+            self._series.add_ground_truth(setup.truth.poses, waits=False)
 
     def add_estimate(self, poses: Poses, revisions: PathRevisions | None = None) -> None:
         """
@@ -79,6 +98,7 @@ class LiveRun:
 
         :param revisions: of a Path, of which ``poses`` are those that it had not had before.
         """
+        self.is_empty = False
         self._series.add_estimate(poses)
         self._revisions = revisions
         if revisions is None:
@@ -86,6 +106,7 @@ class LiveRun:
 
     def add_ground_truth(self, poses: Poses) -> None:
         """Add a batch of true poses."""
+        self.is_empty = False
         self._series.add_ground_truth(poses)
         if self._true_poses is not None:
             self._true_poses.append(poses)
@@ -94,8 +115,30 @@ class LiveRun:
 
     @property
     def evaluation(self) -> Evaluation:
-        """The evaluation behind the series."""
+        """The evaluation that the series is of."""
         return self._series.evaluation
+
+    def state(self) -> RunState:
+        """Return what is known so far."""
+        associator = self.evaluation.associator
+        has_pairs = bool(self.values.get('pairs'))
+        alignment = self.evaluation.alignment() if has_pairs else None
+        return RunState(
+            number=self.number,
+            began_as=self.began_as,
+            values=self.values,
+            estimate=_side_state(associator.estimate),
+            ground_truth=_side_state(associator.ground_truth),
+            alignment=alignment,
+            estimate_moved_m=alignment.scale * self._estimate_moved() if alignment else 0.0,
+            ground_truth_moved_m=self.window.get('path_length_m', math.inf),
+            waiting_for=self._series.waiting_for(),
+            no_pairs='' if has_pairs else self.evaluation.no_pairs(),
+            largest_jump=self.largest_jump(),
+            diagnosis=self.monitor.latest,
+            diagnosed_pairs=self.monitor.pairs,
+            diagnosis_problem=self.monitor.problem,
+        )
 
     def largest_jump(self) -> tuple[int, float] | None:
         """Look at what is new; return stamp [ns] and size [m] of the largest jump, if any."""
@@ -103,34 +146,37 @@ class LiveRun:
         if len(pairs) > 1:
             self._seen += len(pairs) - 1
             scale = self.evaluation.alignment().scale
-            moved, truly = (
+            estimate_m, truth_m = (
                 step_lengths(side.positions) for side in (pairs.estimate, pairs.ground_truth)
             )
-            off = np.abs(scale * moved - truly)
+            off = np.abs(scale * estimate_m - truth_m)
             k = int(off.argmax())
-            if off[k] > max(MIN_JUMP_M, self._jump[1] if self._jump else 0.0):
-                self._jump = (int(pairs.estimate.stamps_ns[k + 1]), float(off[k]))
-        return self._jump
+            if off[k] > max(MIN_JUMP_M, self._largest_jump[1] if self._largest_jump else 0.0):
+                self._largest_jump = (int(pairs.estimate.stamps_ns[k + 1]), float(off[k]))
+        return self._largest_jump
 
-    def estimate_path_m(self, seconds: float) -> float:
-        """Return how far the estimate moved in the last seconds, in its own metres."""
+    def _estimate_moved(self) -> float:
+        """Return how far the estimate moved in the window, in its own metres."""
         estimate = self.evaluation.since(0).estimate
         if not len(estimate):
             return 0.0
-        begin = estimate.stamps_ns[-1] - round(seconds * 1e9)
-        return float(
-            step_lengths(estimate.positions[np.searchsorted(estimate.stamps_ns, begin) :]).sum()
-        )
-
-    def waiting_for(self) -> str:
-        """Return why there are no values yet, with the spans of what has arrived."""
-        return self._series.waiting_for()
+        begin_ns = estimate.stamps_ns[-1] - round(self._window_s * 1e9)
+        begin = np.searchsorted(estimate.stamps_ns, begin_ns)
+        return float(step_lengths(estimate.positions[begin:]).sum())
 
     def advance(self) -> Iterator[tuple[int, dict[str, float]]]:
         """Yield stamp and running values of each second that is over, and remember them."""
         for row in self._series.rows():
             self._rows.append(row)
+            self.values = row[1]
             yield row
+
+    def look(self, window_s: float) -> None:
+        """Bring the window and the diagnosis up to date."""
+        self.monitor.look(self.evaluation.since(0))
+        if self.values:
+            self._window_s = window_s
+            self.window = self.evaluation.window(window_s)
 
     def result(self) -> Result:
         """Return the result as if both streams had ended now; they may go on."""
@@ -156,42 +202,42 @@ class LiveRun:
         write_all({folder / name: content for name, content in files.items()})
         return result
 
-    def _ended(self) -> tuple[Result, Rows]:
+    def _ended(self) -> tuple[Result, SeriesRows]:
         # the copies share the pairs so far, and may be brought to an end without ending the run
         series, rows = copy.deepcopy(self._series), copy.deepcopy(self._rows)
         for row in series.rest():
             rows.append(row)
-        evaluation, trouble = series.evaluation, ''
+        assert series.summary is not None  # the rows have come to their end
+        evaluation, summary, problems = series.evaluation, series.summary, []
         if self._revisions is not None:
             try:
                 evaluation = self._revised(evaluation, self._revisions)
+                summary = evaluation.summary()
             except ReadError as error:
-                trouble = str(error)
-        summary = series.summary if evaluation is series.evaluation else evaluation.summary()
-        assert summary is not None  # the rows have come to their end
-        summary.warnings[:0] = self.notes
-        if trouble:
-            summary.warnings.append(trouble)
+                problems.append(str(error))
         if self._revisions is not None and self._given_up:
-            summary.warnings.append(
+            problems.append(
                 f'the revised Path is scored without the first {self._given_up} true poses: there '
                 'were more than ten times max_pairs'
             )
-        streams = evaluation.associator
-        estimate = Input(
-            self._names[0], 'topic', None, streams.estimate, self.config.time_offset_s
-        )
-        truth = Input(self._names[1], 'topic', None, streams.ground_truth)
-        if self._truth is not None:
-            truth = replace(truth, source=self._truth.spec, kind=self._truth.kind)
-        verdicts = judge(self._gates, summary.metrics)
-        return Result(estimate, truth, self.config, summary, verdicts), rows
+        summary = replace(summary, warnings=[*self.notes, *summary.warnings, *problems])
+        return self._result(evaluation, summary), rows
+
+    def _result(self, evaluation: Evaluation, summary: Summary) -> Result:
+        setup, associator = self._setup, evaluation.associator
+        offset_s = setup.config.time_offset_s
+        estimate = Input(setup.names[0], 'topic', None, associator.estimate, offset_s)
+        truth = Input(setup.names[1], 'topic', None, associator.ground_truth)
+        if setup.truth is not None:
+            truth = replace(truth, source=setup.truth.spec, kind=setup.truth.kind)
+        verdicts = judge(setup.gates, summary.metrics)
+        return Result(estimate, truth, setup.config, summary, verdicts)
 
     def _revised(self, causal: Evaluation, revisions: PathRevisions) -> Evaluation:
         """Return the evaluation of the estimate as last revised."""
-        final = Evaluation(self.config)
-        if self._truth is not None:
-            final.add_ground_truth(self._truth.poses)
+        final, truth = Evaluation(self._setup.config), self._setup.truth
+        if truth is not None:
+            final.add_ground_truth(truth.poses)
         for poses in self._true_poses or ():
             final.add_ground_truth(poses)
         final.add_estimate(revisions.final())
@@ -200,8 +246,12 @@ class LiveRun:
         return final
 
 
-class Rows:
-    """Rows of a series, kept as bare numbers: in dicts they would outweigh the pairs."""
+def _side_state(side: Side) -> SideState:
+    return SideState(side.used, side.counts.dropped, side.counts.overflow)
+
+
+class SeriesRows:
+    """Rows of a series, kept as bare numbers: as dicts they would outweigh the pairs."""
 
     def __init__(self) -> None:
         self._stamps_ns = array('q')

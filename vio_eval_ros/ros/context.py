@@ -23,7 +23,7 @@ def join(arguments: Sequence[str]) -> None:
     """
     domain = os.environ.get('ROS_DOMAIN_ID') or '0'
     if not (domain.isascii() and domain.isdigit() and int(domain) <= LAST_DOMAIN):
-        raise ConfigError(f"ROS_DOMAIN_ID: '{domain}' is no number from 0 to {LAST_DOMAIN}")
+        raise ConfigError(f"ROS_DOMAIN_ID: '{domain}' is not a number from 0 to {LAST_DOMAIN}")
     set_logger_level('rcl', LoggingSeverity.FATAL)  # it is said once, and below
     try:
         rclpy.init(args=[*arguments], signal_handler_options=SignalHandlerOptions.NO)

@@ -2,7 +2,9 @@
 The live node: subscribes to an estimate and a ground truth, publishes how far they are apart.
 
 Messages are taken serialised, many at a time, and decoded in columns: one of them costs less here
-than its mere deserialisation elsewhere. What has arrived is evaluated once a second.
+than its mere deserialisation elsewhere. What has arrived is evaluated once a second: from
+:class:`PoseTopic` by way of its queue of runs into the :class:`LiveRun`, and from there to
+``/diagnostics`` by way of :mod:`vio_eval_ros.live.health`.
 """
 
 from __future__ import annotations
@@ -34,10 +36,11 @@ from vio_eval_ros.core.evaluation import Evaluation, metric_names
 from vio_eval_ros.core.gates import check_names
 from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE, VioEvalError, WriteError
 from vio_eval_ros.evaluation.result import Result
+from vio_eval_ros.live.health import conclusions, Snapshot, statuses, why_no_pairs
 from vio_eval_ros.live.options import NodeConfig
 from vio_eval_ros.live.queues import LAG_S, why_the_run_ends
-from vio_eval_ros.live.report_folder import Reporter
-from vio_eval_ros.live.run import LiveRun
+from vio_eval_ros.live.report_folder import ReportFolder
+from vio_eval_ros.live.run import LiveRun, RunSetup
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.rendering.text import number
 from vio_eval_ros.reports import REPORTS
@@ -46,9 +49,10 @@ from vio_eval_ros.ros.context import join
 from vio_eval_ros.ros.markers import Display
 from vio_eval_ros.ros.parameters import changed, declare, refuse_unknown
 from vio_eval_ros.ros.pose_topic import PoseTopic
-from vio_eval_ros.ros.status import found_wrong, status_messages, why_no_pairs
+from vio_eval_ros.ros.status import status_message
 from vio_eval_ros.settings import gates_of
 
+NAME = 'vio_evaluator'
 DRAIN_S = 0.05
 TICK_S = 1.0
 DISCOVERY_S = 0.5
@@ -58,34 +62,39 @@ class Evaluator(Node):
     """
     The node ``vio_evaluator``.
 
+    :param options: of :class:`Node`, such as its context.
     :raises VioEvalError: a parameter, gate or ground-truth file that cannot be used.
     """
 
-    def __init__(self) -> None:
-        super().__init__('vio_evaluator')
-        self.config, self.settings = declare(self)
-        gates, file = self.settings.gates_file, self.settings.ground_truth_file
+    def __init__(self, **options: Any) -> None:
+        super().__init__(NAME, **options)
+        config, self._settings = declare(self)
+        gates, file = self._settings.gates_file, self._settings.ground_truth_file
         with _naming('gates_file'):
-            self.gates = gates_of(Path(gates)) if gates else []
+            self._gates = gates_of(Path(gates)) if gates else []
         with _naming('ground_truth_file'):
-            self.truth = read_sources([file])[0] if file else None
-        self.estimate = PoseTopic(self, 'estimate', self.settings.estimate_type)
-        truth = PoseTopic(self, 'ground_truth', '' if file else self.settings.ground_truth_type)
-        self.streams = [self.estimate] if file else [self.estimate, truth]
+            truth = read_sources([file])[0] if file else None
+        self._estimate = PoseTopic(self, 'estimate', self._settings.estimate_type)
+        self._topics = [self._estimate]
+        if truth is None:
+            self._topics.append(PoseTopic(self, 'ground_truth', self._settings.ground_truth_type))
         refuse_unknown(self)
-        if len({stream.topic for stream in self.streams}) < len(self.streams):
-            raise ConfigError(f'estimate and ground_truth are both {self.estimate.topic}')
-        self.run_number = 0
-        self.failed_gates = False
-        self.reporter = Reporter(self.settings.report_dir, self.get_logger().error)
-        self.namesakes = 0
-        self._ended_s = -math.inf
-        self._published = 0
-        self._begin_run('')
+        if len({topic.topic for topic in self._topics}) < len(self._topics):
+            raise ConfigError(f'estimate and ground_truth are both {self._estimate.topic}')
+        names = (self.resolve_topic_name('estimate'), self.resolve_topic_name('ground_truth'))
+        self._setup = RunSetup(config, names, self._gates, truth, self._settings.max_pairs)
+        self._run = LiveRun(self._setup)
+        self._reports = ReportFolder(self._settings.report_dir, self.get_logger().error)
+        self._failed_gates = False
+        self._problem = ''  # of the run: why it cannot be evaluated
+        self._other_nodes = 0  # of the same name
+        self._clock_jumped_s = math.inf  # monotonic, until the run ends
+        self._ended_s = -math.inf  # monotonic, when the run before ended
+        self._published = 0  # messages of which the result is published
         self._create_outputs()
         self._create_timers()
         self.add_on_set_parameters_callback(self._set_parameters)
-        awaited = ' and '.join(f'{s.topic} ({s.name.replace("_", " ")})' for s in self.streams)
+        awaited = ' and '.join(f'{t.topic} ({t.name.replace("_", " ")})' for t in self._topics)
         self.get_logger().info(f'waiting for {awaited}')
 
     def create_publisher(self, *given: Any, **options: Any) -> Publisher:
@@ -94,19 +103,27 @@ class Evaluator(Node):
         return super().create_publisher(*given, **{'event_callbacks': without, **options})
 
     @property
-    def frame(self) -> str:
-        """The frame of the ground truth."""
-        return 'world' if self.truth else self.streams[-1].frame
+    def exit_status(self) -> int:
+        """The exit status for what has become of the runs."""
+        if self._reports.unwritten:
+            return UNABLE
+        return FAILED if self._failed_gates and self._settings.exit_code_from_gates else PASSED
 
     @property
-    def folder(self) -> Path:
+    def _frame(self) -> str:
+        """The frame of the ground truth."""
+        return 'world' if self._setup.truth else self._topics[-1].frame
+
+    @property
+    def _folder(self) -> Path:
         """Where the report of the run goes, in the report folder."""
-        return Path(f'run_{self.run_number:04d}') if self.run_number > 1 else Path()
+        return _folder_of(self._run) if self._run.number > 1 else Path()
 
     def _create_outputs(self) -> None:
-        known, kept_up = metric_names(self.config), Evaluation(self.config).running()
-        check_names(self.gates, known)
-        names = self.settings.publish_metrics
+        config = self._setup.config
+        known, running = metric_names(config), Evaluation(config).running()
+        check_names(self._gates, known)
+        names = self._settings.publish_metrics
         if names == NodeConfig().publish_metrics:
             names = tuple(name for name in names if name in known)  # other deltas, other names
         for name in names:
@@ -119,7 +136,7 @@ class Evaluator(Node):
             return self.create_publisher(Float64, f'~/{kind}/{name.replace(".", "_")}', 10)
 
         self._windows = {name: topic('window', name) for name in names}
-        self._metrics = {name: topic('metrics', name) for name in names if name in kept_up}
+        self._metrics = {name: topic('metrics', name) for name in names if name in running}
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
         self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._result = self.create_publisher(String, '~/result', latched)
@@ -140,132 +157,154 @@ class Evaluator(Node):
         )
 
     def _drain(self) -> None:
-        for stream in self.streams:
-            stream.drain()
+        for topic in self._topics:
+            topic.drain()
 
     def _discover(self) -> None:
-        for stream in self.streams:
-            stream.discover()
+        for topic in self._topics:
+            topic.discover()
         own = (self.get_name(), self.get_namespace())
-        self.namesakes = self.get_node_names_and_namespaces().count(own) - 1
+        self._other_nodes = self.get_node_names_and_namespaces().count(own) - 1
 
     def _tick(self) -> None:
         """Evaluate what has arrived since the last tick, and publish."""
         try:
             self._evaluate()
         except VioEvalError as error:
-            if str(error) != self.problem:
-                self.problem = str(error)
-                self.get_logger().error(self.problem)
-        array = DiagnosticArray(status=status_messages(self))
+            if str(error) != self._problem:
+                self._problem = str(error)
+                self.get_logger().error(self._problem)
+        found = statuses(self._snapshot())
+        array = DiagnosticArray(status=[status_message(status, NAME) for status in found])
         array.header.stamp = self.get_clock().now().to_msg()
         self._diagnostics.publish(array)
+
+    def _snapshot(self) -> Snapshot:
+        """Return all that the health of the evaluation is judged by."""
+        truth = self._setup.truth
+        stamps_ns = truth.poses.stamps_ns if truth else None
+        problems = (self._problem, *self._reports.unwritten.values())
+        return Snapshot(
+            run=self._run.state(),
+            topics=tuple(topic.state for topic in self._topics),
+            file_span_ns=None
+            if stamps_ns is None
+            else (int(stamps_ns.min()), int(stamps_ns.max())),
+            gates=self._gates,
+            time_offset_s=self._setup.config.time_offset_s,
+            stale_after_s=self._settings.stale_after_s,
+            problems=tuple(problem for problem in problems if problem),
+            clock_jumped=self._clock_jumped_s < math.inf,
+            other_node=self.get_fully_qualified_name() if self._other_nodes else '',
+        )
 
     def _evaluate(self) -> None:
         self._take_in()
         self._advance()
-        self.run.diagnosing.look(self.run.evaluation.since(0))
-        if self.values:
-            self.window = self.run.evaluation.window(self.settings.window_s)
-            _publish(self._windows, self.window)
+        self._run.look(self._settings.window_s)
+        if self._run.values:
+            _publish(self._windows, self._run.window)
             if self._display.is_watched():
-                self._display.show(*self.run.evaluation.aligned(), self.frame)
-        received = sum(stream.received for stream in self.streams)
-        silent = all(s.silent_s() > self.settings.stale_after_s for s in self.streams)
+                self._display.show(*self._run.evaluation.aligned(), self._frame)
+        received = sum(topic.received for topic in self._topics)
+        silent = all(topic.silent_s > self._settings.stale_after_s for topic in self._topics)
         if silent and received > self._published:
             self._published = received
-            self._result.publish(String(data=REPORTS['json'](self.run.result())))
+            self._publish_result(self._run.result())
 
     def _advance(self) -> None:
         """Evaluate the seconds that are over, and publish their running metrics."""
-        for _, values in self.run.advance():
-            self.values = values
+        for _, values in self._run.advance():
             _publish(self._metrics, values)
+
+    def _publish_result(self, result: Result) -> None:
+        self._result.publish(String(data=REPORTS['json'](result)))
 
     def _take_in(self) -> None:
         """Hand the poses that have arrived to their run; go on to the next where one ends."""
-        for stream in self.streams:
-            stream.read()
+        for topic in self._topics:
+            topic.read()
         self._hand_over()
-        while why := why_the_run_ends(self.streams, time.monotonic()):
-            self._next_run(why)
-        if self.clock_jumped_s + LAG_S < time.monotonic():
+        self._end_runs()
+        if self._clock_jumped_s + LAG_S < time.monotonic():
             self._next_run('the clock jumped back')
 
+    def _end_runs(self, at_once: bool = False) -> None:
+        """Go on to the next run as long as a jump back in time says so."""
+        while why := why_the_run_ends(
+            [topic.progress for topic in self._topics], time.monotonic(), at_once
+        ):
+            self._next_run(why)
+
     def _hand_over(self) -> None:
-        for stream in self.streams:
-            poses = stream.runs.take()
+        for topic in self._topics:
+            poses = topic.queue.take()
             if not len(poses):
                 continue
-            self._is_empty = False
-            if stream is self.estimate:
-                self.run.add_estimate(poses, stream.revisions)
+            if topic is self._estimate:
+                self._run.add_estimate(poses, topic.revisions)
             else:
-                self.run.add_ground_truth(poses)
+                self._run.add_ground_truth(poses)
+
+    def _release(self) -> None:
+        """Hand over what is withheld as well: nothing more will come to tell what it is."""
+        for topic in self._topics:
+            topic.queue.release()
+        self._hand_over()
 
     def _on_clock_jump(self) -> None:
         # the streams, which jump as well, may have ended the run already
-        if not self._is_empty and time.monotonic() - self._ended_s > LAG_S:
-            self.clock_jumped_s = time.monotonic()
-
-    def _begin_run(self, why: str) -> None:
-        self.run_number += 1
-        self.began_as, self.problem = why, ''
-        names = tuple(self.resolve_topic_name(name) for name in ('estimate', 'ground_truth'))
-        limit = self.settings.max_pairs
-        self.run = LiveRun(self.config, self.gates, names, self.truth, limit)
-        self.values: Mapping[str, float] = {}
-        self.window: Mapping[str, float] = {}
-        self._is_empty = True
-        self.clock_jumped_s = math.inf
+        if not self._run.is_empty and time.monotonic() - self._ended_s > LAG_S:
+            self._clock_jumped_s = time.monotonic()
 
     def _next_run(self, why: str) -> None:
         """Close the run with its report, and begin the next."""
-        self.get_logger().warning(f'{why}: run {self.run_number} ends, the next begins')
+        self.get_logger().warning(f'{why}: run {self._run.number} ends, the next begins')
         try:
-            self._close(Path(f'run_{self.run_number:04d}'))
+            self._close(_folder_of(self._run))
         finally:  # whatever became of it, it has ended
-            for stream in self.streams:
-                stream.next_run()
-            self.reporter.next_run()
+            for topic in self._topics:
+                topic.next_run()
+            self._reports.next_run()
             self._ended_s = time.monotonic()
-            self._begin_run(why)
+            self._clock_jumped_s = math.inf
+            self._problem = ''
+            self._run = LiveRun(self._setup, self._run.number + 1, why)
         self._hand_over()
 
     def end(self) -> None:
         """Evaluate all that has arrived and close the run with its report."""
         self._take_in()
-        while why := why_the_run_ends(self.streams, time.monotonic(), at_once=True):
-            self._next_run(why)
-        for stream in self.streams:
-            stream.release()
-        self._hand_over()
-        if not (self._is_empty and self.run_number > 1):  # else the one before was the last
-            self._close(self.folder)
+        self._end_runs(at_once=True)
+        self._release()
+        if not (self._run.is_empty and self._run.number > 1):  # else the one before was the last
+            self._close(self._folder)
 
     def _close(self, folder: Path) -> None:
         """Write, publish and log the result of a run that has ended; remember its verdict."""
-        self.failed_gates |= self._finish(folder).passed is False
+        self._failed_gates |= self._finish(folder).passed is False
 
     def _finish(self, folder: Path) -> Result:
         """Write, publish and log the result of the run; return it."""
         self._advance()
-        self.run.notes = [note for stream in self.streams for note in stream.notes()]
+        self._run.notes = [note for topic in self._topics for note in topic.notes()]
         # what an earlier evaluator left there is not replaced by nothing
-        written = None if self._is_empty else self.reporter.write(self.run, folder)
-        result = written[0] if written else self.run.result()
-        self._result.publish(String(data=REPORTS['json'](result)))
-        pairs = result.summary.association['pairs']
-        found = headline(result) if pairs else why_no_pairs(self)
-        where = f'; the report is in {written[1]}' if written else ''
-        self.get_logger().info(f'run {self.run_number}: {found}{where}')
-        for note in [*self.run.notes, *found_wrong(self.run.diagnosing, result.summary.pairs)]:
-            self.get_logger().warning(note)
+        written = None if self._run.is_empty else self._reports.write(self._run, folder)
+        result = written[0] if written else self._run.result()
+        self._publish_result(result)
+        self._log(result, f'; the report is in {written[1]}' if written else '')
+        return result
+
+    def _log(self, result: Result, where: str) -> None:
+        log, pairs = self.get_logger(), result.summary.pairs
+        found = headline(result) if len(pairs) else why_no_pairs(self._snapshot())
+        log.info(f'run {self._run.number}: {found}{where}')
+        diagnosis = self._run.monitor.conclude(pairs)
+        for note in [*self._run.notes, *conclusions(diagnosis, self._run.monitor.problem)]:
+            log.warning(note)
         for verdict in result.verdicts:
             if not verdict.passed:
-                said = f'{WORDS[verdict.word]} {verdict.gate} (is {number(verdict.value)})'
-                self.get_logger().warning(said)
-        return result
+                log.warning(f'{WORDS[verdict.word]} {verdict.gate} (is {number(verdict.value)})')
 
     def _serve(self, name: str, do: Callable[[], str]) -> None:
         """Offer a service that answers with what was done, or why it could not be."""
@@ -281,33 +320,35 @@ class Evaluator(Node):
 
     def _reset(self) -> str:
         self._take_in()
-        for stream in self.streams:
-            stream.release()
-        self._hand_over()
-        if not self._is_empty:
+        self._release()
+        if not self._run.is_empty:
             self._next_run('reset was called')
-        return f'run {self.run_number} begins'
+        return f'run {self._run.number} begins'
 
     def _write_report(self) -> str:
         self._take_in()
-        if self._is_empty:
-            raise VioEvalError(f'nothing to report: {why_no_pairs(self)}')
-        self._finish(self.folder)
-        if not self.settings.report_dir:
+        if self._run.is_empty:
+            raise VioEvalError(f'nothing to report: {why_no_pairs(self._snapshot())}')
+        self._finish(self._folder)
+        if not self._settings.report_dir:
             return 'published, not written'
-        folder = Path(self.settings.report_dir) / self.folder
-        if folder in self.reporter.unwritten:
-            raise VioEvalError(self.reporter.unwritten[folder])
+        folder = Path(self._settings.report_dir) / self._folder
+        if folder in self._reports.unwritten:
+            raise VioEvalError(self._reports.unwritten[folder])
         return str(folder)
 
     def _set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
-            settings = changed(self.settings, parameters)
-            self.reporter.move(settings.report_dir, self.folder)
-            self.settings = settings
+            settings = changed(self._settings, parameters)
+            self._reports.move(settings.report_dir, self._folder)
+            self._settings = settings
         except (ConfigError, WriteError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
+
+
+def _folder_of(run: LiveRun) -> Path:
+    return Path(f'run_{run.number:04d}')
 
 
 @contextmanager
@@ -324,25 +365,23 @@ def _publish(publishers: Mapping[str, Publisher], values: Mapping[str, float]) -
         publisher.publish(Float64(data=float(values[name])))
 
 
-def spin(argv: list[str], told: list[int]) -> int:
+def spin(argv: list[str], signals: list[int]) -> int:
     """
-    Run the node until it is told to stop; return the exit status.
+    Run the node until a signal ends it; return the exit status.
 
-    :param told: receives the signals that say so. The handlers of rclpy would end the graph
-        before what is still under way is evaluated.
+    :param signals: receives the signals. The handlers of rclpy would end the graph before what is
+        still under way is evaluated.
     """
     try:
         join(argv)
         node = Evaluator()
         executor = SingleThreadedExecutor()
         executor.add_node(node)
-        while not told:
+        while not signals:
             executor.spin_once(timeout_sec=DRAIN_S)
         node.end()
     except ParameterException as error:
         raise ConfigError(str(error)) from None
     finally:
         rclpy.try_shutdown()
-    if node.reporter.unwritten:
-        return UNABLE
-    return FAILED if node.failed_gates and node.settings.exit_code_from_gates else PASSED
+    return node.exit_status

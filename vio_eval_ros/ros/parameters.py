@@ -14,12 +14,11 @@ from rclpy.exceptions import ParameterException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, QoSProfile
-from rclpy.qos_overriding_options import _declare_qos_parameters, QoSOverridingOptions
-from rclpy.subscription import Subscription
 
 from vio_eval_ros.core.config import EvaluationConfig, nearest_name, Options
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.live.options import NodeConfig, SETTABLE
+from vio_eval_ros.ros.private import declare_quality, parameter_overrides
 
 LARGEST_INTEGER = (1 << 63) - 1
 DEEPEST = 1_000_000
@@ -56,18 +55,16 @@ def override_quality(node: Node, topic: str, quality: QoSProfile) -> None:
 
     :raises ConfigError: a value that is not allowed.
     """
-    policies = QoSOverridingOptions.with_default_policies()
     try:
         with warnings.catch_warnings():
             warnings.simplefilter('ignore')  # what is wrong with the depth is said below
-            # what create_subscription does; this is before the message type is known
-            _declare_qos_parameters(Subscription, node, topic, quality, policies)
+            declare_quality(node, topic, quality)
     except (ParameterException, RuntimeError, AssertionError, ValueError) as error:
         raise ConfigError(f'qos_overrides.{topic}: {error}') from None
     if quality.history not in (HistoryPolicy.KEEP_LAST, HistoryPolicy.KEEP_ALL):
-        raise ConfigError(f'qos_overrides.{topic}: history is keep_last or keep_all')
+        raise ConfigError(f'qos_overrides.{topic}: history must be keep_last or keep_all')
     if not 1 <= quality.depth <= DEEPEST:
-        raise ConfigError(f'qos_overrides.{topic}: depth is a number from 1 to {DEEPEST}')
+        raise ConfigError(f'qos_overrides.{topic}: depth must be from 1 to {DEEPEST}')
 
 
 def refuse_unknown(node: Node) -> None:
@@ -77,16 +74,16 @@ def refuse_unknown(node: Node) -> None:
     :raises ConfigError: which one, and perhaps what was meant.
     """
     known = node.list_parameters([], 0).names
-    for name in node._parameter_overrides:
+    for name in parameter_overrides(node):
         if name not in known:
             raise ConfigError(f"there is no parameter '{name}'{nearest_name(name, known)}")
 
 
 def _given(config: type[Options], node: Node) -> Any:
-    values = {}
+    values, overrides = {}, parameter_overrides(node)
     for item in fields(config):  # type: ignore[arg-type]
-        if item.name in node._parameter_overrides:
-            value = node._parameter_overrides[item.name].value
+        if item.name in overrides:
+            value = overrides[item.name].value
             # None is what an empty list in a parameter file arrives as
             listed = value is None or isinstance(value, array)
             values[item.name] = list(value or ()) if listed else value

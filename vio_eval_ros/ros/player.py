@@ -24,21 +24,20 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.recordings.playback import Timed
-from vio_eval_ros.recordings.storage import Offer
+from vio_eval_ros.recordings.storage import Offer, Timed
 from vio_eval_ros.ros.context import join
 
 TICK_S = 0.01  # of /clock while no message is due
-SHORTEST_TICK_S = 0.001  # of /clock in a burst of messages
-BEHIND_S = 0.2  # a delay worth a word
+MIN_TICK_S = 0.001  # of /clock in a burst of messages
+LATE_S = 0.2  # a longer delay is reported
 FLUSH_S = 5.0  # for subscribers to acknowledge the last messages
-# A recorded depth suited the pace of the robot. These also hold what is sent at once to catch up,
-# and take memory only while a subscriber lags behind: of images as much as of all else.
+# A recorded depth suited the pace of the robot. These also hold bursts that make up for a delay,
+# and take memory only while a subscriber lags: as much for images as for all else.
 DEPTH, IMAGE_DEPTH = 5000, 100
 IMAGES = ('Image', 'CompressedImage', 'PointCloud2')
 
-# Fast DDS gives shared memory 512 kB, which two of EuRoC's images do not fit into: they then came
-# a second late or, at times, not at all. Only who publishes must have more.
+# Fast DDS allocates 512 kB of shared memory, too little for two of EuRoC's images: they then came
+# a second late or, at times, not at all. Only the publisher needs more.
 TRANSPORTS = """<?xml version="1.0" encoding="UTF-8"?>
 <dds xmlns="http://www.eprosima.com/XMLSchemas/fastRTPS_Profiles">
   <profiles>
@@ -66,7 +65,7 @@ TRANSPORTS = """<?xml version="1.0" encoding="UTF-8"?>
 </dds>
 """
 PROFILES = 'FASTRTPS_DEFAULT_PROFILES_FILE'
-OF_THE_USER = (PROFILES, 'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTDDS_BUILTIN_TRANSPORTS')
+SET_BY_USER = (PROFILES, 'FASTDDS_DEFAULT_PROFILES_FILE', 'FASTDDS_BUILTIN_TRANSPORTS')
 
 Say = Callable[[str], None]
 
@@ -84,10 +83,10 @@ class Player(Node):
     """
     The node ``player``.
 
-    The thread that calls :meth:`play` publishes; the services only leave word for it, and answer
-    from a thread of their own. So no message waits for a service.
+    The thread that calls :meth:`play` publishes; the services answer from a thread of their own
+    and only set flags. So no message waits for a service.
 
-    :param rate: seconds of the recording in a second.
+    :param rate: seconds of the recording per second.
     :param say: takes what a user should know, a line at a time.
     :raises ConfigError: a name that no topic may have.
     """
@@ -99,16 +98,16 @@ class Player(Node):
         self.published = 0
         self.largest_delay_s = 0.0
         self._say = say
-        self._said_s = -1.0
+        self._warned_s = -1.0
         self._rate = rate
         self._paused = paused
         self._steps = Semaphore(0)
-        self._begin_s = self._told_s = 0.0  # monotonic
+        self._begin_s = self._ticked_s = 0.0  # monotonic
         self._begin_ns = self._now_ns = 0  # of the recording
-        # reliable, so that whoever wants the time gets it; depth 1, since only the last one counts
-        self._clock = self.create_publisher(Clock, '/clock', QoSProfile(depth=1))
+        # reliable, so that every subscriber gets the time; depth 1, since only the last one counts
+        self._time = self.create_publisher(Clock, '/clock', QoSProfile(depth=1))
         try:
-            self._publishers = {
+            self._outputs = {
                 topic: self.create_publisher(message_type, name, _qos(offer, message_type))
                 for topic, name, message_type, offer in publications
             }
@@ -119,47 +118,47 @@ class Player(Node):
             self.create_service(Trigger, f'~/{name}', getattr(self, f'_{name}'))
 
     def without_subscribers(self) -> list[str]:
-        """Return the names of the topics that nobody listens to."""
-        publishers = self._publishers.values()
+        """Return the names of the topics without subscribers."""
+        publishers = self._outputs.values()
         return [p.topic_name for p in publishers if not p.get_subscription_count()]
 
     def play(
-        self, messages: Iterable[Timed], start_ns: int, progress: Callable[[float], None]
+        self, messages: Iterable[Timed], start_ns: int, progress: Callable[[float], object]
     ) -> None:
         """
         Publish each message when it is due, and the time of the recording on ``/clock``.
 
-        The schedule is absolute: a delay is made up for as soon as possible, and does not add up.
+        The schedule is absolute: a delay is made up for as soon as possible, never accumulated.
 
         :param messages: in the order of their times.
         :param start_ns: the time of the recording with which to begin.
         :param progress: takes the seconds of the recording that have been played.
         """
         messages = iter(messages)
-        first = list(islice(messages, 1))  # before the clock starts, since files are opened for it
+        first = list(islice(messages, 1))  # before the clock starts: opening the files takes time
         self._begin_ns = self._now_ns = start_ns
         self._begin_s = time.monotonic()
         for log_ns, topic, cdr in chain(first, messages):
             self._wait_until(log_ns)
             self._now_ns = max(self._now_ns, log_ns)
-            if time.monotonic() - self._told_s > SHORTEST_TICK_S:
-                self._tell_time()
-            self._publishers[topic].publish(cdr)
+            if time.monotonic() - self._ticked_s > MIN_TICK_S:
+                self._publish_time()
+            self._outputs[topic].publish(cdr)
             self.published += 1
             progress((self._now_ns - start_ns) / 1e9)
 
     def flush(self) -> None:
-        """Wait until subscribers have acknowledged what is reliable; but not for ever."""
+        """Wait until subscribers have acknowledged all reliable messages, though not for ever."""
         end_s = time.monotonic() + FLUSH_S
-        for publisher in self._publishers.values():
-            # in small portions: Ctrl-C is not heard meanwhile
+        for publisher in self._outputs.values():
+            # in short waits: Ctrl-C does not interrupt one
             while not publisher.wait_for_all_acked(Duration(seconds=0.05)):
                 if time.monotonic() > end_s:
                     self._say(f'a subscriber of {publisher.topic_name} did not get all messages')
                     break
 
     def _wait_until(self, log_ns: int) -> None:
-        """Return when a message is due; meanwhile tell the time, and obey the services."""
+        """Return when a message is due; meanwhile publish the time and obey the services."""
         while True:
             if self._paused:
                 stepped = self._steps.acquire(timeout=TICK_S)
@@ -167,31 +166,31 @@ class Player(Node):
                 self._begin_ns = max(self._now_ns, log_ns) if stepped else self._now_ns
                 if stepped:
                     return
-                self._tell_time()
+                self._publish_time()
                 continue
             now_s = time.monotonic()
             delay_s = now_s - self._begin_s - (log_ns - self._begin_ns) / 1e9 / self._rate
             if delay_s >= 0:
                 self._note(delay_s)
                 return
-            if now_s - self._told_s >= TICK_S:
+            if now_s - self._ticked_s >= TICK_S:
                 elapsed_ns = round((now_s - self._begin_s) * 1e9 * self._rate)
                 self._now_ns = max(self._now_ns, min(self._begin_ns + elapsed_ns, log_ns))
-                self._tell_time()
+                self._publish_time()
             time.sleep(min(-delay_s, TICK_S))
 
-    def _tell_time(self) -> None:
+    def _publish_time(self) -> None:
         clock = Clock()
         clock.clock.sec, clock.clock.nanosec = divmod(self._now_ns, 10**9)
-        self._clock.publish(clock)
-        self._told_s = time.monotonic()
+        self._time.publish(clock)
+        self._ticked_s = time.monotonic()
 
     def _note(self, delay_s: float) -> None:
         self.largest_delay_s = max(self.largest_delay_s, delay_s)
-        if delay_s > BEHIND_S and time.monotonic() - self._said_s > 1:
-            self._said_s = time.monotonic()
+        if delay_s > LATE_S and time.monotonic() - self._warned_s > 1:
+            self._warned_s = time.monotonic()
             self._say(
-                f'{delay_s:.2f} s behind; the machine cannot keep up with --rate {self._rate:g}'
+                f'{delay_s:.2f} s late; the machine cannot keep up with --rate {self._rate:g}'
             )
 
     def _pause(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -207,7 +206,7 @@ class Player(Node):
         if not self._paused:
             return _answered(response, 'playing; pause first', success=False)
         self._steps.release()
-        return _answered(response, 'one message more')
+        return _answered(response, 'one more message')
 
 
 @contextmanager
@@ -218,7 +217,7 @@ def running(
     ros_arguments: Sequence[str],
     say: Say,
 ) -> Iterator[Player]:
-    """Start ROS and the node with its services; end both behind the with statement."""
+    """Start ROS and the node with its services; end both after the with statement."""
     join(['play', *ros_arguments])
     executor = SingleThreadedExecutor()
     services = Thread(target=executor.spin, name='services')
@@ -239,8 +238,8 @@ def running(
 
 @contextmanager
 def _room_for_images() -> Iterator[None]:
-    """Have Fast DDS begin with enough shared memory, unless the user configures it."""
-    if any(name in os.environ for name in OF_THE_USER):
+    """Have Fast DDS start with enough shared memory, unless the user configures it."""
+    if any(name in os.environ for name in SET_BY_USER):
         yield
         return
     with TemporaryDirectory() as folder:
@@ -257,7 +256,7 @@ def message_class(msgtype: str) -> type | None:
     """Return the class of a type such as 'nav_msgs/msg/Odometry', where it is installed."""
     package, _, name = msgtype.partition('/msg/')
     if not (package.isidentifier() and name.isidentifier() and name[0].isupper()):
-        return None  # no name of a message, but whatever a file has in its place
+        return None  # not the name of a message type; a file may contain anything
     try:
         return getattr(importlib.import_module(f'{package}.msg'), name, None)
     except ImportError:
@@ -268,7 +267,7 @@ def _qos(offer: Offer, message_type: type) -> QoSProfile:
     """
     Return the quality of service that was recorded, as far as it makes sense for a recording.
 
-    Deadline, lifespan and liveliness are left out: at another rate, or in a pause, none holds.
+    Deadline, lifespan and liveliness are left out: none holds at another rate or in a pause.
     """
     least = IMAGE_DEPTH if message_type.__name__ in IMAGES else DEPTH
     return QoSProfile(

@@ -14,7 +14,6 @@ from rclpy.event_handler import (
     SubscriptionEventCallbacks,
     UnsupportedEventTypeError,
 )
-from rclpy.impl.implementation_singleton import rclpy_implementation as _rclpy
 from rclpy.node import Node
 from rclpy.qos import (
     HistoryPolicy,
@@ -24,18 +23,21 @@ from rclpy.qos import (
     ReliabilityPolicy,
 )
 from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
 
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.live.queues import PathQueue, RunQueue
+from vio_eval_ros.live.health import counted, TopicState, undecodable
+from vio_eval_ros.live.queues import PathQueue, Progress, RunQueue, TimeJump
 from vio_eval_ros.recordings import cdr
 from vio_eval_ros.recordings.messages import collect, CONVERTERS, PATH, PathRevisions, poses
 from vio_eval_ros.ros.parameters import override_quality
+from vio_eval_ros.ros.private import EventCounter, take_serialized
 
-# more than any sensor sends between two looks
+#: of the queue of the middleware, and of one look at it: more than any sensor sends between two
 DEPTH = 20_000
 MISSING = ('lost', 'full', 'undecodable')
-COUNTED = {
+EVENTS = {
     'incompatible': QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
     'lost': QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST,
 }
@@ -43,9 +45,9 @@ COUNTED = {
 
 class Polled(CallbackGroup):
     """
-    What the executor leaves alone.
+    A group whose subscriptions the executor leaves alone.
 
-    Waking up for a message costs rclpy some 200 µs; taking many at a timer costs next to nothing.
+    Waking up for a message costs rclpy about 200 µs; taking many at a timer costs next to nothing.
     """
 
     def can_execute(self, entity: Any) -> bool:
@@ -62,7 +64,7 @@ class Polled(CallbackGroup):
 
 class PoseTopic:
     """
-    One of the two inputs.
+    One of the two inputs: finds out its type, takes its messages and hands on their poses.
 
     :param name: ``estimate`` or ``ground_truth``; remap it to the topic.
     :param msgtype: its message type; empty finds it out from the publishers.
@@ -72,27 +74,24 @@ class PoseTopic:
     def __init__(self, node: Node, name: str, msgtype: str) -> None:
         self.name = name
         self.topic = node.resolve_topic_name(name)
-        self.msgtype = msgtype
-        self.is_given = bool(msgtype)
-        self.published_types: list[str] = []
-        self._frame = ''
-        self.publishers = 0
+        self.queue = RunQueue()
         self.received = 0
-        self.lost = 0
-        self.incompatible = 0
-        self.incompatibility = ''
-        self.undecodable = 0
-        self.full = 0
-        self.runs = RunQueue()
+        #: when something came last [monotonic s]; at first, when this began
+        self.received_s = time.monotonic()
+        self._msgtype = msgtype
+        self._type_is_given = bool(msgtype)
+        self._published_types: tuple[str, ...] = ()
+        self._publishers = 0
+        self._incompatibility = ''
+        self._frame = ''
+        self._counts = {'full': 0, 'undecodable': 0, **dict.fromkeys(EVENTS, 0)}
+        self._counts_before: dict[str, int] = {}
         self._node = node
         self._quality = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._raw: list[bytes] = []
-        self._before: dict[str, int] = {}
         self._class: Any = None
-        self._subscription: Any = None
-        self._events: dict[str, Any] = {}
-        #: when something came last [monotonic s]; at first, when this began
-        self.received_s = time.monotonic()
+        self._subscription: Subscription | None = None
+        self._events: dict[str, EventCounter] = {}
         override_quality(node, self.topic, self._quality)
         if msgtype:
             self._subscribe(msgtype)
@@ -105,50 +104,101 @@ class PoseTopic:
     @property
     def revisions(self) -> PathRevisions | None:
         """What the messages of the run said, where they are Paths."""
-        return self.runs.revisions if isinstance(self.runs, PathQueue) else None
+        return self.queue.revisions if isinstance(self.queue, PathQueue) else None
+
+    @property
+    def silent_s(self) -> float:
+        """How long nothing has come."""
+        return time.monotonic() - self.received_s
+
+    @property
+    def progress(self) -> Progress:
+        """How far its poses have come."""
+        return Progress(self.topic, self.received_s, self._jump)
+
+    @property
+    def state(self) -> TopicState:
+        """What is known of it."""
+        return TopicState(
+            name=self.name,
+            topic=self.topic,
+            oldest_ns=self.queue.oldest_ns,
+            newest_ns=self.queue.newest_ns,
+            msgtype=self._msgtype,
+            type_is_given=self._type_is_given,
+            published_types=self._published_types,
+            publishers=self._publishers,
+            received=self.received,
+            incompatibility=self._incompatibility,
+            silent_s=self.silent_s,
+            unstamped=self.queue.unstamped,
+            jump=self._jump,
+            **self._counts,
+        )
+
+    @property
+    def _jump(self) -> TimeJump | None:
+        return self.queue.jumps[0] if self.queue.jumps else None
 
     def discover(self) -> None:
         """Look at the publishers and at what was lost; subscribe when the type is known."""
         self._count_events()
         # its name, since a name that is resolved would be remapped once more
         found = self._node.get_publishers_info_by_topic(self.name)
-        self.publishers = len(found)
-        self.published_types = sorted({info.topic_type for info in found})
-        scorable = [msgtype for msgtype in self.published_types if msgtype in CONVERTERS]
+        self._publishers = len(found)
+        self._published_types = tuple(sorted({info.topic_type for info in found}))
+        scorable = [msgtype for msgtype in self._published_types if msgtype in CONVERTERS]
         if self._subscription is None and len(scorable) == 1:
             self._subscribe(scorable[0])
-        self.incompatibility = ''
+        self._incompatibility = ''
         for info in found:
             verdict, reason = qos_check_compatible(info.qos_profile, self._quality)
             if verdict == QoSCompatibility.ERROR:
-                self.incompatibility = ' '.join(reason.split()).removeprefix('ERROR: ').rstrip(';')
+                reason = ' '.join(reason.split())
+                self._incompatibility = reason.removeprefix('ERROR: ').rstrip(';')
 
     def read(self) -> None:
-        """Take all messages that have arrived, and hand their poses to ``runs``."""
+        """Take all messages that have arrived, and hand their poses to the queue."""
         self.drain()
-        for arrived in self.decode():
-            self.runs.add(arrived, self.received_s)
+        for arrived in self._decode():
+            self.queue.add(arrived, self.received_s)
 
     def drain(self) -> None:
-        """Take all messages that have arrived."""
+        """Take all messages that have arrived; decoding them can wait."""
         if self._subscription is None:
             return
-        taken = len(self._raw)
-        with self._subscription.handle:
-            take = self._subscription.handle.take_message
-            while (message := take(self._class, True)) is not None:
-                self._raw.append(message[0])
-                if len(self._raw) - taken >= DEPTH:
-                    break
-        count = len(self._raw) - taken
-        if count:
-            self.received += count
+        arrived = take_serialized(self._subscription, self._class, DEPTH)
+        if arrived:
+            self._raw += arrived
+            self.received += len(arrived)
             self.received_s = time.monotonic()
         # what it had no room for was overwritten, which is no event
         is_bounded = self._quality.history == HistoryPolicy.KEEP_LAST
-        self.full += is_bounded and count >= self._quality.depth
+        self._counts['full'] += is_bounded and len(arrived) >= self._quality.depth
 
-    def decode(self) -> Iterator[Poses]:
+    def notes(self) -> list[str]:
+        """Return what is missing of the run: no other figure shows what did not arrive."""
+        self._count_events()
+        lost, full, bad = (
+            self._counts[name] - self._counts_before.get(name, 0) for name in MISSING
+        )
+        found = []
+        if lost:
+            found.append(f'{counted(lost, "message")} lost on {self.topic}; make it reliable')
+        if full:
+            times = counted(full, 'time')
+            found.append(f'{self.topic}: the queue was full {times}, and may have lost messages')
+        if bad:
+            found.append(undecodable(bad, self.topic, self._msgtype))
+        return [f'{self.name.replace("_", " ")}: {line}' for line in found]
+
+    def next_run(self) -> None:
+        """Go on to the next run."""
+        self.queue.next_run()
+        self._count_events()
+        self._counts_before = dict(self._counts)
+
+    def _decode(self) -> Iterator[Poses]:
         """Yield the poses of the messages taken since the last call; of each Path by itself."""
         raw, self._raw = self._raw, []
         if not raw:
@@ -156,40 +206,11 @@ class PoseTopic:
         if not self._frame:
             first = next(self._messages(raw), None)
             self._frame = (first and first.header.frame_id) or 'world'
-        if self.msgtype == PATH:
+        if self._msgtype == PATH:
             yield from self._of_paths(raw)
             return
-        columns = cdr.decode(self.msgtype, raw, ros1=False)
+        columns = cdr.decode(self._msgtype, raw, ros1=False)
         yield poses(*columns) if columns is not None else self._collected(raw)
-
-    def notes(self) -> list[str]:
-        """Return what is missing of the run: what did not arrive no other figure tells."""
-        self._count_events()
-        lost, full, undecodable = (
-            getattr(self, counter) - self._before.get(counter, 0) for counter in MISSING
-        )
-        found = []
-        if lost:
-            found.append(f'{lost} messages on {self.topic} were lost; make it reliable')
-        if full:
-            found.append(f'{self.topic}: {full} times the queue was full, and may have lost some')
-        if undecodable:
-            found.append(f'{undecodable} messages on {self.topic} are no {self.msgtype}')
-        return [f'{self.name.replace("_", " ")}: {line}' for line in found]
-
-    def silent_s(self) -> float:
-        """Return for how long nothing has come."""
-        return time.monotonic() - self.received_s
-
-    def next_run(self) -> None:
-        """Go on to the next run."""
-        self.runs.next_run()
-        self._count_events()
-        self._before = {counter: getattr(self, counter) for counter in MISSING}
-
-    def release(self) -> None:
-        """Hand on what is withheld: no more will come to tell what it is."""
-        self.runs.release()
 
     def _of_paths(self, raw: list[bytes]) -> Iterator[Poses]:
         for message in raw:
@@ -201,8 +222,8 @@ class PoseTopic:
     def _collected(self, raw: list[bytes]) -> Poses:
         """Return the poses of messages one by one, without those that are not of their type."""
         messages = list(self._messages(raw))
-        self.undecodable += len(raw) - len(messages)
-        return collect(self.msgtype, messages)
+        self._counts['undecodable'] += len(raw) - len(messages)
+        return collect(self._msgtype, messages)
 
     def _messages(self, raw: list[bytes]) -> Iterator[Any]:
         """Yield the messages, but for those that are not what their type says."""
@@ -219,8 +240,8 @@ class PoseTopic:
                 f'{self.name}_type: {msgtype} carries no pose; types that do are '
                 f'{", ".join(CONVERTERS)}'
             )
-        self.msgtype = msgtype
-        self.runs = PathQueue(self.topic) if msgtype == PATH else RunQueue()
+        self._msgtype = msgtype
+        self.queue = PathQueue(self.topic) if msgtype == PATH else RunQueue()
         package, _, name = msgtype.split('/')
         self._class = getattr(importlib.import_module(f'{package}.msg'), name)
         self._subscription = self._node.create_subscription(
@@ -232,14 +253,10 @@ class PoseTopic:
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=True,
         )
-        for counter, event in COUNTED.items():
+        for name, event in EVENTS.items():
             with suppress(UnsupportedEventTypeError):  # not all middlewares count
-                self._events[counter] = _rclpy.EventHandle(self._subscription.handle, event)
+                self._events[name] = EventCounter(self._subscription, event)
 
     def _count_events(self) -> None:
-        # asked for, since with an event in the wait set every message would wake the executor
         for name, event in self._events.items():
-            with event:
-                status = event.take_event()
-            if status is not None:
-                setattr(self, name, status.total_count)
+            self._counts[name] = event.count()

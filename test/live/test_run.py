@@ -10,13 +10,12 @@ from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation, running_series
 from vio_eval_ros.core.gates import Gate
 from vio_eval_ros.errors import WriteError
-from vio_eval_ros.live.run import LiveRun
+from vio_eval_ros.live.run import LiveRun, RunSetup
 from vio_eval_ros.recordings.messages import PathRevisions
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.simulation import simulate
 
-NAMES = ('/estimate', '/ground_truth')
-S = 1_000_000_000
+SETUP = RunSetup(EvaluationConfig(), ('/estimate', '/ground_truth'))
 
 
 @pytest.fixture(scope='module')
@@ -26,7 +25,7 @@ def flight():
 
 def live(flight, batch: int, gates=()) -> LiveRun:
     """Return a run that was fed in batches, and looked at after each."""
-    run = LiveRun(EvaluationConfig(), gates, NAMES)
+    run = LiveRun(replace(SETUP, gates=gates))
     for k in range(0, 12 * 20, batch):
         run.add_ground_truth(flight.ground_truth[10 * k : 10 * (k + batch)])
         run.add_estimate(flight.estimate[k : k + batch])
@@ -67,7 +66,7 @@ def path_of(flight, shift_m: float):
 
 
 def test_a_path_is_scored_as_last_revised_beside_what_it_was_at_first(flight):
-    run, path = LiveRun(EvaluationConfig(), (), NAMES), PathRevisions()
+    run, path = LiveRun(SETUP), PathRevisions()
     for k, message in enumerate(path_of(flight, 1e-3)):
         run.add_ground_truth(flight.ground_truth[100 * k : 100 * (k + 1)])
         run.add_estimate(path.add(message), path)
@@ -91,7 +90,7 @@ def test_a_path_is_scored_as_last_revised_beside_what_it_was_at_first(flight):
 
 
 def test_a_path_without_stamps_gives_a_result_that_says_so(flight):
-    run, path = LiveRun(EvaluationConfig(), (), NAMES), PathRevisions('/path')
+    run, path = LiveRun(SETUP), PathRevisions('/path')
     run.add_ground_truth(flight.ground_truth)
     message = replace(flight.estimate, stamps_ns=np.zeros_like(flight.estimate.stamps_ns))
     run.add_estimate(path.add(message), path)
@@ -102,12 +101,12 @@ def test_a_path_without_stamps_gives_a_result_that_says_so(flight):
 
 def test_what_was_lost_on_the_way_is_a_warning_of_the_result(flight):
     run = live(flight, 240)
-    run.notes = ['estimate: 7 messages on /estimate were lost; make it reliable']
+    run.notes = ['estimate: 7 messages lost on /estimate; make it reliable']
     assert run.result().summary.warnings[0] == run.notes[0]
 
 
 def test_max_pairs_bounds_what_a_run_keeps(flight):
-    run = LiveRun(EvaluationConfig(), (), NAMES, max_pairs=100)
+    run = LiveRun(replace(SETUP, max_pairs=100))
     for k in range(0, 240, 20):
         run.add_ground_truth(flight.ground_truth[10 * k : 10 * (k + 20)])
         run.add_estimate(flight.estimate[k : k + 20])
@@ -120,7 +119,7 @@ def test_max_pairs_bounds_what_a_run_keeps(flight):
 
 def test_a_result_asked_for_on_the_way_does_not_change_the_end(flight):
     run = live(flight, 20)
-    half = LiveRun(EvaluationConfig(), (), NAMES)
+    half = LiveRun(SETUP)
     half.add_ground_truth(flight.ground_truth[:1200])
     half.add_estimate(flight.estimate[:120])
     list(half.advance())
@@ -168,7 +167,7 @@ def test_a_disk_that_fills_up_on_the_way_leaves_the_old_report_whole(flight, tmp
     def report() -> dict[str, bytes]:
         return {file.name: file.read_bytes() for file in tmp_path.iterdir() if file.is_file()}
 
-    run = LiveRun(EvaluationConfig(), (), NAMES)
+    run = LiveRun(SETUP)
     run.add_ground_truth(flight.ground_truth)
     run.add_estimate(flight.estimate[:100])
     run.write(tmp_path)
@@ -195,8 +194,37 @@ def test_a_tracking_reset_is_noticed_with_its_stamp_and_size(flight):
     assert size_m == pytest.approx(3, abs=0.2)
 
 
-def test_what_is_missing_is_told(flight):
-    run = LiveRun(EvaluationConfig(), (), NAMES)
-    assert run.waiting_for() == 'no estimate yet, no ground truth yet'
+def test_the_state_says_what_is_missing(flight):
+    run = LiveRun(SETUP)
+    assert run.is_empty
+    assert run.state().waiting_for == 'no estimate yet, no ground truth yet'
+    assert run.state().no_pairs == 'no pairs: the estimate has no usable pose'
     run.add_estimate(flight.estimate)
-    assert run.waiting_for().startswith('estimate spans 1403715524.9 to 1403715536.9 s, no ground')
+    state = run.state()
+    assert not run.is_empty
+    assert state.waiting_for.startswith('estimate spans 1403715524.9 to 1403715536.9 s, no ground')
+    assert (state.values, state.alignment, state.largest_jump) == ({}, None, None)
+
+
+def test_the_state_is_of_the_values_the_window_and_the_association(flight):
+    run = live(flight, 20)
+    run.look(window_s=3.0)
+    state, metrics = run.state(), run.window
+    assert state.values['pairs'] == run.evaluation.running()['pairs'] > 200
+    assert state.alignment is not None
+    assert state.no_pairs == ''
+    assert state.ground_truth_moved_m == metrics['path_length_m']
+    assert state.estimate_moved_m == pytest.approx(metrics['path_length_m'], rel=0.1)
+    assert (state.estimate.used, state.estimate.overflow) == (222, 0)
+    assert set(state.estimate.dropped.values()) == {0}
+    assert state.number == 1
+    again = LiveRun(SETUP, 2, 'reset was called').state()
+    assert (again.number, again.began_as) == (2, 'reset was called')
+
+
+def test_a_run_that_is_diagnosed_has_its_causes_in_the_state(flight):
+    run = live(flight, 20)
+    run.monitor.problem, run.monitor.pairs = 'ZeroDivisionError: oh', 7
+    state = run.state()
+    assert (state.diagnosis, state.diagnosed_pairs) == (None, 7)
+    assert state.diagnosis_problem == 'ZeroDivisionError: oh'

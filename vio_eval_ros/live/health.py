@@ -1,0 +1,441 @@
+"""
+How healthy a live evaluation is: what is known of it in, statuses out.
+
+Plain functions of values: :class:`Snapshot` is what the node knows at a moment, :class:`Status` is
+one line of ``/diagnostics``. The tables of docs/live.md list what the messages mean.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+import math
+
+from vio_eval_ros.core.alignment import Alignment
+from vio_eval_ros.core.gates import Gate, judge, SEVERITIES
+from vio_eval_ros.diagnosis.diagnosis import Cause, Diagnosis
+from vio_eval_ros.live.queues import TimeJump
+from vio_eval_ros.recordings.messages import CONVERTERS
+from vio_eval_ros.rendering.text import number
+
+#: a smaller share of the ground truth that was tracked is worth a warning
+LOW_COVERAGE_RATIO = 0.9
+#: a larger share of poses that could not be used is worth a warning
+MANY_DROPPED_RATIO = 0.01
+#: an estimate has diverged where it is off by so many times the extent of the ground truth,
+#: or moved so many times as far, and by so many metres
+DIVERGED_RATIO = 10.0
+DIVERGED_M = 10.0
+#: units of causes, as the names of values have them
+UNIT_NAMES = {'%/min': 'percent_per_min', 'deg/min': 'deg_per_min'}
+
+
+class Level(IntEnum):
+    """How bad it is; numbered as in diagnostic_msgs/msg/DiagnosticStatus."""
+
+    OK = 0
+    WARN = 1
+    ERROR = 2
+    STALE = 3
+
+
+@dataclass(frozen=True)
+class Status:
+    """
+    The health of one aspect of an evaluation.
+
+    :param name: accuracy, association, streams or diagnosis.
+    :param values: numbers and words by the names that scripts rely on.
+    """
+
+    name: str
+    level: Level
+    message: str
+    values: Mapping[str, object]
+
+
+@dataclass(frozen=True)
+class TopicState:
+    """
+    What is known of an input topic.
+
+    :param name: ``estimate`` or ``ground_truth``.
+    :param msgtype: the type that is read; empty until it is known.
+    :param type_is_given: whether a parameter sets it.
+    :param published_types: of all publishers, sorted.
+    :param silent_s: how long nothing has arrived.
+    :param oldest_ns: the oldest stamp of the newest run; :data:`AFTER_ALL` where there is none.
+    :param newest_ns: the newest stamp of that run; :data:`BEFORE_ALL` where there is none.
+    :param unstamped: whether poses have arrived in that run, all of them stamped 0.
+    :param jump: a jump back in time after which the run has not ended yet.
+    """
+
+    name: str
+    topic: str
+    oldest_ns: int
+    newest_ns: int
+    msgtype: str = ''
+    type_is_given: bool = False
+    published_types: tuple[str, ...] = ()
+    publishers: int = 0
+    received: int = 0
+    lost: int = 0
+    full: int = 0
+    undecodable: int = 0
+    incompatible: int = 0
+    incompatibility: str = ''
+    silent_s: float = 0.0
+    unstamped: bool = False
+    jump: TimeJump | None = None
+
+
+@dataclass(frozen=True)
+class SideState:
+    """
+    What the association made of one side.
+
+    :param used: how many poses were usable.
+    :param dropped: how many were not, by reason.
+    :param overflow: how many of these were given up while waiting for the other side.
+    """
+
+    used: int = 0
+    dropped: Mapping[str, int] = field(default_factory=dict)
+    overflow: int = 0
+
+    @property
+    def has_arrived(self) -> bool:
+        """Whether there was any pose, usable or not."""
+        return bool(self.used or sum(self.dropped.values()) - self.overflow)
+
+
+@dataclass(frozen=True, eq=False)
+class RunState:
+    """
+    What is known of a run so far.
+
+    :param began_as: why the run before ended; empty for the first.
+    :param values: the running values; empty until a second is over.
+    :param alignment: of all pairs; None where there are none.
+    :param estimate_moved_m: in the window, in metres of the ground truth.
+    :param ground_truth_moved_m: likewise.
+    :param waiting_for: which side is missing, with what has arrived.
+    :param no_pairs: why what has arrived makes no pair.
+    :param largest_jump: stamp [ns] and size [m] of the largest step of the estimate that the
+        ground truth does not have.
+    :param diagnosis: the last one; None where there is none yet.
+    :param diagnosed_pairs: how many pairs it is of.
+    :param diagnosis_problem: the bug that prevented the last one.
+    """
+
+    number: int = 1
+    began_as: str = ''
+    values: Mapping[str, float] = field(default_factory=dict)
+    estimate: SideState = SideState()
+    ground_truth: SideState = SideState()
+    alignment: Alignment | None = None
+    estimate_moved_m: float = 0.0
+    ground_truth_moved_m: float = 0.0
+    waiting_for: str = ''
+    no_pairs: str = ''
+    largest_jump: tuple[int, float] | None = None
+    diagnosis: Diagnosis | None = None
+    diagnosed_pairs: int = 0
+    diagnosis_problem: str = ''
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """
+    All that the health of an evaluation is judged by, at a moment.
+
+    :param topics: the inputs; the estimate comes first.
+    :param file_span_ns: first and last stamp of a ground truth that is a file.
+    :param time_offset_s: added to the stamps of the estimate.
+    :param stale_after_s: how long a stream may be silent.
+    :param problems: what else went wrong, such as a report that cannot be written.
+    :param clock_jumped: whether ``/clock`` went back, and the run has not ended yet.
+    :param other_node: the name of the node, where another one has it as well.
+    """
+
+    run: RunState
+    topics: tuple[TopicState, ...]
+    file_span_ns: tuple[int, int] | None = None
+    gates: Sequence[Gate] = ()
+    time_offset_s: float = 0.0
+    stale_after_s: float = math.inf
+    problems: tuple[str, ...] = ()
+    clock_jumped: bool = False
+    other_node: str = ''
+
+
+def statuses(snapshot: Snapshot) -> list[Status]:
+    """Return the statuses accuracy, association, streams and diagnosis."""
+    return [
+        accuracy(snapshot.run, snapshot.gates, snapshot.problems),
+        association(snapshot),
+        streams(snapshot),
+        diagnosis(snapshot.run),
+    ]
+
+
+def accuracy(run: RunState, gates: Sequence[Gate], problems: Sequence[str] = ()) -> Status:
+    """Return how good the estimate is so far: errors, gates, divergence."""
+    elsewhere = ('coverage_ratio', 'matched_ratio')
+    values = {name: value for name, value in run.values.items() if name not in elsewhere}
+    level, message = _accuracy(run, gates)
+    if problems:
+        level, message = max(level, Level.WARN), '; '.join([message, *problems])
+    return Status('accuracy', level, message, values)
+
+
+def _accuracy(run: RunState, gates: Sequence[Gate]) -> tuple[Level, str]:
+    if not run.values.get('pairs'):
+        return Level.WARN, 'no pairs yet'
+    if has_diverged(run):
+        return Level.ERROR, 'the estimate has diverged'
+    known = [gate for gate in gates if gate.metric in run.values]
+    # those that fail before those that warn
+    broken = sorted(
+        (verdict for verdict in judge(known, run.values) if not verdict.passed),
+        key=lambda verdict: SEVERITIES.index(verdict.word),
+    )
+    if broken:
+        gate, value, _ = broken[0]
+        level = Level.ERROR if gate.severity == 'fail' else Level.WARN
+        return level, f'gate {gate} is broken: {number(value)}'
+    undetermined = run.alignment.undetermined if run.alignment is not None else ''
+    if undetermined or math.isnan(run.values['ate_trans_rmse_m']):
+        prefix = f'{undetermined}: ' if undetermined else ''
+        return Level.WARN, f'{prefix}the alignment is not determined yet'
+    return Level.OK, 'running'
+
+
+def has_diverged(run: RunState) -> bool:
+    """
+    Return whether the estimate has left the ground truth for good.
+
+    Either it moved far more in the window than the ground truth did, or its error is far larger
+    than the extent of the ground truth.
+    """
+    allowed_m = DIVERGED_RATIO * run.ground_truth_moved_m + DIVERGED_M
+    return run.estimate_moved_m > allowed_m or (
+        run.values['ate_extent_ratio'] > DIVERGED_RATIO
+        and run.values['ate_trans_rmse_m'] > DIVERGED_M
+    )
+
+
+def association(snapshot: Snapshot) -> Status:
+    """Return whether estimate and ground truth are paired, or why not."""
+    run = snapshot.run
+    coverage = run.values.get('coverage_ratio', math.nan)
+    values: dict[str, object] = {
+        'pairs': run.values.get('pairs', 0),
+        'coverage_ratio': coverage,
+        'matched_ratio': run.values.get('matched_ratio', math.nan),
+    }
+    dropped = []
+    for name, side in (('estimate', run.estimate), ('ground_truth', run.ground_truth)):
+        values[f'{name}_poses'] = side.used
+        values |= {f'{name}_{reason}': count for reason, count in side.dropped.items()}
+        count = sum(side.dropped.values())
+        if count > MANY_DROPPED_RATIO * (side.used + count):
+            reasons = [
+                f'{n} {reason.replace("_", "-")}' for reason, n in side.dropped.items() if n
+            ]
+            dropped.append(f'{name.replace("_", " ")}: dropped {", ".join(reasons)}')
+    if not values['pairs']:
+        return Status('association', Level.WARN, why_no_pairs(snapshot), values)
+    low = coverage < LOW_COVERAGE_RATIO
+    problems = [f'only {100 * coverage:.1f} % of the ground truth was tracked'] if low else []
+    problems += [problem for problem in (_ends_early(snapshot),) if problem]
+    problems += dropped
+    if problems:
+        return Status('association', Level.WARN, '; '.join(problems), values)
+    return Status('association', Level.OK, 'running', values)
+
+
+def _ends_early(snapshot: Snapshot) -> str:
+    """Return which topic does not keep up with the other, if one does not."""
+    if len(snapshot.topics) < 2:
+        return ''
+    estimate, truth = snapshot.topics
+    ahead_s = (truth.newest_ns - estimate.newest_ns) / 1e9 - snapshot.time_offset_s
+    if abs(ahead_s) <= snapshot.stale_after_s:
+        return ''
+    ends = ('estimate', 'ground truth') if ahead_s > 0 else ('ground truth', 'estimate')
+    return f'the {ends[0]} ends {abs(ahead_s):.1f} s before the {ends[1]}: no values for the rest'
+
+
+def why_no_pairs(snapshot: Snapshot) -> str:
+    """Return why there is no pair, with what has arrived of both sides."""
+    run = snapshot.run
+    if run.estimate.has_arrived and run.ground_truth.has_arrived:
+        return run.no_pairs
+    message = f'no pairs yet: {run.waiting_for}'
+    for topic in snapshot.topics:
+        if not topic.received and (problems := topic_problems(topic)):
+            message = f'{message}; {"; ".join(problems)}'
+    unstamped = [topic.topic for topic in snapshot.topics if topic.unstamped]
+    if unstamped:
+        return f'{message}; {" and ".join(unstamped)} stamped 0: is there a /clock?'
+    return f'{message}; are the clocks the same?' if _clocks_are_apart(snapshot) else message
+
+
+def _clocks_are_apart(snapshot: Snapshot) -> bool:
+    """Return whether both sides have arrived, and have no time in common."""
+    estimate, *others = snapshot.topics
+    offset_ns = round(snapshot.time_offset_s * 1e9)
+    begin_ns, end_ns = estimate.oldest_ns + offset_ns, estimate.newest_ns + offset_ns
+    spans = [(truth.oldest_ns, truth.newest_ns) for truth in others]
+    first_ns, last_ns = snapshot.file_span_ns or spans[0]
+    arrived = begin_ns < end_ns and first_ns < last_ns
+    return arrived and (begin_ns > last_ns or end_ns < first_ns)
+
+
+def streams(snapshot: Snapshot) -> Status:
+    """Return whether messages arrive, and what is wrong with them and their publishers."""
+    values: dict[str, object] = {'run': snapshot.run.number}
+    problems, stale = [], []
+    for topic in snapshot.topics:
+        values |= {
+            f'{topic.name}_topic': topic.topic,
+            f'{topic.name}_type': topic.msgtype,
+            f'{topic.name}_publishers': topic.publishers,
+            f'{topic.name}_received': topic.received,
+            f'{topic.name}_lost': topic.lost,
+            f'{topic.name}_queue_full': topic.full,
+            f'{topic.name}_undecodable': topic.undecodable,
+            f'{topic.name}_incompatible_qos': topic.incompatible,
+        }
+        problems += topic_problems(topic)
+        if topic.received and topic.silent_s > snapshot.stale_after_s:
+            gone = '' if topic.publishers else ', and nobody publishes it'
+            stale.append(f'nothing on {topic.topic} for {topic.silent_s:.0f} s{gone}')
+    problems += [
+        f'{topic.topic} {topic.jump}: waiting for the other stream to do so'
+        for topic in snapshot.topics
+        if topic.jump is not None
+    ]
+    if snapshot.other_node:
+        problems.append(
+            f'there is another {snapshot.other_node}: both answer to its services and write the '
+            'same report; name one with -r __node:=NAME'
+        )
+    if snapshot.clock_jumped:
+        problems.append('the clock jumped back: waiting for the streams to do so')
+    if problems:
+        return Status('streams', Level.WARN, '; '.join(problems + stale), values)
+    if stale:
+        return Status('streams', Level.STALE, '; '.join(stale), values)
+    return Status('streams', Level.OK, 'running', values)
+
+
+def topic_problems(topic: TopicState) -> list[str]:
+    """Return what is wrong with a topic and its publishers."""
+    problems = [_publisher_problem(topic)]
+    if topic.incompatibility:
+        problems.append(f'incompatible QoS on {topic.topic}: {topic.incompatibility}')
+    if topic.undecodable:
+        problems.append(undecodable(topic.undecodable, topic.topic, topic.msgtype))
+    if topic.lost:
+        problems.append(f'{counted(topic.lost, "message")} lost on {topic.topic}')
+    if topic.full:
+        problems.append(f'{topic.topic}: the queue was full {counted(topic.full, "time")}')
+    problems = [problem for problem in problems if problem]
+    if problems or topic.received:
+        return problems
+    return [f'{"nothing received on" if topic.publishers else "nobody publishes"} {topic.topic}']
+
+
+def undecodable(count: int, topic: str, msgtype: str) -> str:
+    """Return that messages were not of their type."""
+    return f'{counted(count, "message")} on {topic} could not be decoded as {msgtype}'
+
+
+def counted(count: int, noun: str) -> str:
+    """Return a number of things, such as '1 message' and '3 messages'."""
+    return f'{count} {noun}' if count == 1 else f'{count} {noun}s'
+
+
+def _publisher_problem(topic: TopicState) -> str:
+    """Return what is wrong with the number or the types of the publishers."""
+    listed = ' and '.join(topic.published_types)
+    scorable = [msgtype for msgtype in topic.published_types if msgtype in CONVERTERS]
+    if listed and not scorable:
+        return f'{topic.topic} carries {listed}, which has no pose that can be scored'
+    if len(scorable) > 1 and not topic.msgtype:
+        return f'{topic.topic} is published as {listed}; set {topic.name}_type to one of them'
+    if scorable and topic.msgtype not in scorable:
+        remedy = f'set {topic.name}_type' if topic.type_is_given else 'restart the evaluator'
+        return f'{topic.topic} is published as {listed}, not {topic.msgtype}; {remedy}'
+    if len(topic.published_types) > 1:
+        return f'{topic.topic} is published as {listed}; only {topic.msgtype} is read'
+    if topic.publishers > 1:
+        return f'{topic.publishers} publishers on {topic.topic}: their poses are mixed'
+    return ''
+
+
+def diagnosis(run: RunState) -> Status:
+    """Return what is wrong: the largest jump at once, all causes as of the last diagnosis."""
+    found, jump = run.diagnosis, run.largest_jump
+    causes = found.causes if found is not None else ()
+    values: dict[str, object] = {}
+    messages = []
+    if jump is not None:
+        messages = [f'the estimate jumped by {number(jump[1])} m at {jump[0] / 1e9:.3f} s']
+        values = {'jump_stamp_ns': jump[0], 'jump_m': jump[1]}
+        causes = tuple(cause for cause in causes if cause.name != 'jump')
+    if run.diagnosis_problem:
+        messages.append(diagnosis_failed(run.diagnosis_problem))
+    unmoved = any(cause.name == 'insufficient_motion' for cause in causes)
+    if causes and not unmoved:
+        first, *others = causes
+        messages.append(f'{first.name}: {first.evidence}')
+        if others:
+            messages.append(f'also {", ".join(cause.name for cause in others)}')
+        for k, cause in enumerate(causes, 1):
+            values |= {f'cause_{k}': cause.name, **_values_of(cause)}
+    if found is not None:
+        values['diagnosed_pairs'] = run.diagnosed_pairs
+        values['cannot_tell'] = ', '.join(found.cannot_tell)
+    if messages:
+        return Status('diagnosis', Level.WARN, '; '.join(messages), values)
+    if run.began_as:
+        message = f'run {run.number} began as {run.began_as}'
+    elif found is None or unmoved:
+        message = 'cannot tell yet: too little time or motion so far'
+    else:
+        message = 'nothing unusual'
+    return Status('diagnosis', Level.OK, message, values)
+
+
+def _values_of(cause: Cause) -> dict[str, object]:
+    """Return what there is to say of a cause, under names that begin with its own."""
+    unit = f'_{UNIT_NAMES.get(cause.unit, cause.unit)}'
+    values = {
+        unit: cause.value,
+        f'_uncertainty{unit}': cause.uncertainty,
+        '_confidence': cause.confidence,
+        '_advice': cause.advice,
+        '_flags': ' '.join(cause.flags),
+    }
+    return {
+        f'{cause.name}{key}': value
+        for key, value in values.items()
+        if not (isinstance(value, float) and math.isnan(value))
+    }
+
+
+def diagnosis_failed(problem: str) -> str:
+    """Return that there is no diagnosis, though the run is not at fault."""
+    return f'the diagnosis failed: this is a bug, please report it: {problem}'
+
+
+def conclusions(found: Diagnosis | None, problem: str) -> list[str]:
+    """Return a line for each cause that was found in a run that has ended."""
+    if problem:
+        return [diagnosis_failed(problem)]
+    causes = found.causes if found is not None else ()
+    return [f'{cause.name}: {cause.evidence}. {cause.advice}' for cause in causes]
