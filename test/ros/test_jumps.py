@@ -60,7 +60,9 @@ def test_every_loop_of_a_path_is_a_run(graph, ros, evaluator, flight, scored, tm
             ros.send_path(estimate, flight.estimate[:end])
         ros.send_path(estimate, flight.estimate[:0])  # tells nothing
     estimate.publish(b'\x00\x01\x00\x00no Path')
-    graph.wait_for('streams', 'WARN', '1 message on /estimate could not be decoded as nav_msgs/msg/Path')
+    graph.wait_for(
+        'streams', 'WARN', '1 message on /estimate could not be decoded as nav_msgs/msg/Path'
+    )
     graph.wait_for_arrival(23, 2000)
     node.stop()
     for run in ('run_0001', 'run_0002'):

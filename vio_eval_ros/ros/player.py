@@ -24,7 +24,8 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.recordings.storage import Offer, Timed
+from vio_eval_ros.recordings.playback import Timed
+from vio_eval_ros.recordings.storage import Offer
 from vio_eval_ros.ros.context import join
 
 TICK_S = 0.01  # of /clock while no message is due
