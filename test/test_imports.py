@@ -27,7 +27,8 @@ LAYERS = {
     'recordings': {'core'},
     'diagnosis': {'core'},
     'imu': {'core', 'rendering'},
-    'inspection': {'core', 'rendering', 'settings'},
+    # a recording is inspected by name, as a library and on the command line
+    'inspection': {'core', 'recordings', 'rendering', 'settings'},
     'simulation': {'core', 'imu', 'rendering'},
     'evaluation': {'core', 'recordings'},
     'reports': {'core', 'evaluation', 'rendering'},

@@ -14,8 +14,8 @@ import yaml
 from vio_eval_ros.core import rotation
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.inspection.calibration import Calibration, check_calibration
-from vio_eval_ros.inspection.chains import read_chains
-from vio_eval_ros.inspection.inspection import inspect
+from vio_eval_ros.inspection.calibration_files import read_calibrations
+from vio_eval_ros.inspection.inspection import inspect_streams as inspect
 
 
 def pose(vector_deg: list[float], position: list[float]) -> np.ndarray:
@@ -41,7 +41,7 @@ def written(path: Path, **cameras: dict[str, Any]) -> Path:
 
 
 def checked(*paths: Path) -> Calibration:
-    return check_calibration(read_chains(paths), inspect([]))
+    return check_calibration(read_calibrations(paths), inspect([]))
 
 
 def stereo(key: str, left: np.ndarray, right: np.ndarray) -> dict[str, dict[str, Any]]:
@@ -130,7 +130,7 @@ def test_a_camera_that_would_be_upright_the_other_way_is_told(
     numbers = np.random.default_rng(1).normal(0, 0.003, rig['imu'].numbers.shape)
     still = replace(rig['imu'], numbers=numbers + np.append([0, 0, 0], up))
     camera = {'T_imu_cam': pose(rotation_deg, [0.01, 0.02, 0.03])}
-    chains = read_chains([written(tmp_path / 'chain.yaml', cam0=camera)])
+    chains = read_calibrations([written(tmp_path / 'chain.yaml', cam0=camera)])
     found = check_calibration(chains, inspect([still])).findings
     assert [(one.name, one.level) for one in found] == [('direction', level)] * bool(level)
 
@@ -140,7 +140,7 @@ def test_a_chain_of_cameras_gives_the_same_as_one_from_the_imu(tmp_path):
     file = written(tmp_path / 'camchain.yaml', cam0=first, cam1={'T_cn_cnm1': second})
     calibration = checked(file)
     assert calibration.findings == []
-    np.testing.assert_allclose(calibration.chains[0].cameras['cam1'], RIGHT, atol=1e-12)
+    np.testing.assert_allclose(calibration.files[0].cameras['cam1'], RIGHT, atol=1e-12)
 
 
 def test_a_chain_without_an_imu_is_compared_from_camera_to_camera(tmp_path):
@@ -207,7 +207,7 @@ def test_a_rate_that_the_imu_of_the_recording_does_not_have_is_named(
 ):
     file = tmp_path / 'imu.yaml'
     file.write_text(yaml.safe_dump(KALIBR | {'update_rate': rate_hz}))
-    found = check_calibration(read_chains([file]), inspect([rig['imu']])).findings
+    found = check_calibration(read_calibrations([file]), inspect([rig['imu']])).findings
     assert [(one.name, one.level) for one in found] == [('imu_noise', 'warn')] * count
 
 
@@ -243,7 +243,7 @@ def test_noise_of_which_a_part_lacks_is_named(tmp_path):
     file.write_text('gyroscope_noise_density: 1.0e-4\ngyroscope_random_walk: 1.0e-5\n')
     (found,) = checked(file).findings
     assert found.message == (
-        'there is no accelerometer_noise_density and no accelerometer_random_walk'
+        'accelerometer_noise_density and accelerometer_random_walk are missing'
     )
 
 

@@ -25,7 +25,7 @@ STREAM = 'streams:\n  cam:\n    topic: /cam0/image_raw\n'
         ('streams:\n  cam:\n    rate_hz: 20\n', 'line 2: topic: the name of a topic is expected'),
         ('streams:\n  cam: 3\n', 'line 2: cam: a mapping is expected'),
         ('stream:\n  cam: 3\n', "line 1: there is no 'stream' here; did you mean 'streams'?"),
-        ('{}', 'there are no streams to expect'),
+        ('{}', 'no streams are expected; name them under streams'),
         (STREAM + 'pairs:\n  a: {streams: [cam, dog]}\n', "line 5: there is no stream 'dog'"),
         (STREAM + 'pairs:\n  a: {streams: [cam]}\n', 'line 5: streams: the names of two streams'),
     ],

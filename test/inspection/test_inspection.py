@@ -10,10 +10,13 @@ import pytest
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.sensor_stream import SensorStream
-from vio_eval_ros.inspection.documents import json_document, Report, text_document
-from vio_eval_ros.inspection.findings import Finding
-from vio_eval_ros.inspection.html import html_document, period_over_time, timeline
-from vio_eval_ros.inspection.inspection import inspect, Inspection
+from vio_eval_ros.inspection.figures import period_over_time, timeline
+from vio_eval_ros.inspection.finding import Finding
+from vio_eval_ros.inspection.html_report import html_document
+from vio_eval_ros.inspection.inspection import inspect_streams as inspect
+from vio_eval_ros.inspection.inspection import Inspection
+from vio_eval_ros.inspection.report import json_document, Report
+from vio_eval_ros.inspection.text_report import text_document
 
 IMAGE, IMU = 'sensor_msgs/msg/Image', 'sensor_msgs/msg/Imu'
 FIRST_NS = 1_403_636_579_763_555_584
@@ -294,7 +297,7 @@ def test_a_bad_clock_of_one_sensor_is_no_replay(rig):
 def test_a_recorder_whose_clock_stands_still_is_told(rig):
     still = {name: replace(s, logged_ns=0 * s.stamps_ns + FIRST_NS) for name, s in rig.items()}
     found = {one.name: one.message for one in inspect(list(still.values())).findings}
-    assert 'does not go forward' in found['replayed']
+    assert 'does not advance' in found['replayed']
 
 
 def stalled(stream: SensorStream, begin_s: float, end_s: float) -> SensorStream:
@@ -756,7 +759,7 @@ def test_rates_in_degrees_are_told_from_how_gravity_turns(seed):
     # so slow that no rate looks odd by itself
     assert np.median(np.linalg.norm(degrees[:, :3], axis=1)) < 10
     found = the(inspect([replace(imu, numbers=degrees)]), 'units')
-    assert 'gravity turns 57 times slower' in found.message
+    assert 'gravity rotates 57 times slower' in found.message
     fast = held(seed, 1.0)
     fast = replace(fast, numbers=fast.numbers * np.repeat([np.degrees(1), 1], 3))
     assert 'half of the time' in the(inspect([fast]), 'units').message  # and is told once
@@ -1043,14 +1046,14 @@ def test_no_stamps_and_no_numbers_are_too_strange(times, seed):
     assert json.loads(json_document(report))['schema'] == 'vio_eval_ros.inspection/1'
     assert all(topic in text_document(report) for topic in TYPES)
     figures = [timeline(report)]
-    figures += [period_over_time(e, 0) for e in report.streams() if len(e.timing.periods_s)]
+    figures += [period_over_time(e, 0) for e in report.streams if len(e.timing.periods_s)]
     json.dumps(figures, allow_nan=False)
 
 
 def test_all_plots_begin_where_the_recording_does(rig):
     late = kept(rig['imu'], np.arange(2000, len(rig['imu'])))
     report = Report('run', inspected(rig, imu=without(late, *range(1000, 1100))))
-    imu = next(e for e in report.streams() if e.stream is late or e.stream.kind == 'imu')
+    imu = next(e for e in report.streams if e.stream is late or e.stream.kind == 'imu')
     holes = timeline(report)['data'][1]
     regular, beyond = period_over_time(imu, report.inspection.begin_ns)['data']
     assert regular['x'][0] == pytest.approx(10, abs=0.1)

@@ -9,20 +9,21 @@ import os
 from pathlib import Path
 import re
 
+from vio_eval_ros.cli.limits import add_limits, chosen_limits
 from vio_eval_ros.cli.shell import complain, Parser, progress, run
 from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE, VioEvalError, WriteError
-from vio_eval_ros.inspection.calibration import check_calibration
-from vio_eval_ros.inspection.chains import read_chains
-from vio_eval_ros.inspection.documents import failed, json_document, Report, text_document
 from vio_eval_ros.inspection.expectations import Expectations
-from vio_eval_ros.inspection.findings import CURES, Finding
-from vio_eval_ros.inspection.html import html_document
-from vio_eval_ros.inspection.inspection import inspect
+from vio_eval_ros.inspection.finding import Finding
+from vio_eval_ros.inspection.findings import FINDINGS
+from vio_eval_ros.inspection.html_report import html_document
+from vio_eval_ros.inspection.limits import InspectionLimits
+from vio_eval_ros.inspection.recording import inspect_recording
+from vio_eval_ros.inspection.report import json_document
+from vio_eval_ros.inspection.text_report import text_document
 from vio_eval_ros.recordings.clips import Clips
 from vio_eval_ros.recordings.playback import Playback
-from vio_eval_ros.recordings.sensors import read_sensors
 from vio_eval_ros.rendering.files import write
 
 VERB = 'inspect'
@@ -31,16 +32,17 @@ examples:
   inspect V1_02_medium.bag
   inspect run.mcap --expect config/euroc.yaml --report html:run.html
   inspect run.mcap --calibration camchain-imucam.yaml
+  inspect run.mcap --profile car --limits limits.yaml
   inspect run.mcap --fail-on gap,stuck --clip clips
 
 exit status: 0 inspected, 1 an expectation is not met or something named by --fail-on was found,
-2 could not be done
+2 the recording could not be inspected
 """
 REPORTS = {'html': html_document, 'json': json_document, 'text': text_document}
-MOST_CLIPS = 20
+MAX_CLIPS = 20
 # of a finding that lasts longer, the clip has the beginning
-LONGEST_CLIP_S = 5.0
-MOST_CLIP_S = 3600
+FINDING_CLIP_S = 5.0
+MAX_MARGIN_S = 3600
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -71,26 +73,27 @@ def _parser() -> Parser:
         metavar='FILE',
         help="also check Kalibr's camchain.yaml and imu.yaml, EuRoC's sensor.yaml or its folder",
     )
+    add_limits(parser.add_argument_group('limits'))
     output = parser.add_argument_group('output')
     add_reports(output, REPORTS)
     output.add_argument(
         '--fail-on',
         metavar='NAME,...',
         default='',
-        help='exit with status 1 where one of these is found',
+        help='exit with status 1 if one of these is found (names: docs/inspect.md)',
     )
     output.add_argument(
         '--clip',
         type=Path,
         metavar='DIR',
-        help=f'cut a small mcap around each of the first {MOST_CLIPS} findings that have a time',
+        help=f'cut a small mcap around each of the first {MAX_CLIPS} findings that have a time',
     )
     output.add_argument(
         '--clip-s',
         type=float,
         default=1.0,
         metavar='S',
-        help='how much a clip has before and behind (default: 1)',
+        help='how much a clip has before and after the finding (default: 1)',
     )
     return parser
 
@@ -98,29 +101,24 @@ def _parser() -> Parser:
 def _run(arguments: argparse.Namespace) -> int:
     failing = [name for name in arguments.fail_on.split(',') if name]
     for name in failing:
-        if name not in CURES:
-            near = nearest_name(name, CURES) or f'; {", ".join(CURES)}'
+        if name not in FINDINGS:
+            near = nearest_name(name, FINDINGS) or f'; {", ".join(FINDINGS)}'
             raise ConfigError(f"--fail-on: there is no finding '{name}'{near}")
-    if not 0 <= arguments.clip_s <= MOST_CLIP_S:
-        raise ConfigError(f'--clip-s: a number of seconds from 0 to {MOST_CLIP_S} is expected')
+    if not 0 <= arguments.clip_s <= MAX_MARGIN_S:
+        raise ConfigError(f'--clip-s: a number of seconds from 0 to {MAX_MARGIN_S} is expected')
     targets = [Target.parse(text, REPORTS) for text in arguments.report]
-    inputs = [arguments.recording, *arguments.calibration]
-    expected = None
-    if arguments.expect is not None:
-        inputs.append(arguments.expect)
-        expected = Expectations.load(arguments.expect)
-    check_targets(targets, inputs)
+    optional = [path for path in (arguments.expect, arguments.limits) if path is not None]
+    check_targets(targets, [arguments.recording, *arguments.calibration, *optional])
     _check_reports(targets)
     if arguments.clip is not None:
         _check_clips(arguments.clip, arguments.recording)
-    chains = read_chains(arguments.calibration)
-    sensors = read_sensors(arguments.recording, progress)
-    inspection = inspect(sensors.streams, sensors.left_out)
-    report = Report(
-        str(arguments.recording),
-        inspection,
-        expected.judge(inspection) if expected else (),
-        check_calibration(chains, inspection) if chains else None,
+    report = inspect_recording(
+        arguments.recording,
+        arguments.calibration,
+        Expectations.load(arguments.expect) if arguments.expect is not None else None,
+        profile=arguments.profile,
+        limits=chosen_limits(arguments, VERB, InspectionLimits),
+        progress=progress,
     )
     shown = json_document(report) if arguments.json else text_document(report)
     print(shown, end='', flush=True)
@@ -129,7 +127,7 @@ def _run(arguments: argparse.Namespace) -> int:
         done.append(_clipped(arguments, report.findings))
     if not all(done):
         return UNABLE
-    return FAILED if failed(report, failing) else PASSED
+    return FAILED if report.has_failed(failing) else PASSED
 
 
 def _check_reports(targets: Sequence[Target]) -> None:
@@ -150,7 +148,7 @@ def _check_clips(folder: Path, recording: Path) -> None:
     if not folder.parent.is_dir():
         raise ConfigError(f'--clip: there is no folder {folder.parent}')
     if folder.exists() and not folder.is_dir():
-        raise ConfigError(f'--clip: {folder} is no folder')
+        raise ConfigError(f'--clip: {folder} is not a folder')
     if recording.resolve() in (folder.resolve(), *folder.resolve().parents):
         raise ConfigError(f'--clip: {folder} is in the recording')
     _check_writable(folder if folder.exists() else folder.parent)
@@ -161,14 +159,14 @@ def _clipped(arguments: argparse.Namespace, findings: Sequence[Finding]) -> bool
     timed = [finding for finding in findings if finding.moments]
     try:
         _make_folder(arguments.clip)
-        for line in _clips(arguments, timed[:MOST_CLIPS]):
+        for line in _clips(arguments, timed[:MAX_CLIPS]):
             if not arguments.json:
                 print(line)
     except VioEvalError as error:
         complain(VERB, f'--clip: {error}')
         return False
-    if len(timed) > MOST_CLIPS:
-        complain(VERB, f'--clip: {len(timed) - MOST_CLIPS} more findings have no clip')
+    if len(timed) > MAX_CLIPS:
+        complain(VERB, f'--clip: {len(timed) - MAX_CLIPS} more findings have no clip')
     return True
 
 
@@ -190,7 +188,7 @@ def _clips(arguments: argparse.Namespace, findings: Sequence[Finding]) -> Iterat
             path = arguments.clip / f'{k:02}_{finding.name}_{topic}.mcap'
             moment = finding.moments[0]
             begin_ns = moment.logged_begin_ns
-            end_ns = min(moment.logged_end_ns, begin_ns + round(1e9 * LONGEST_CLIP_S))
+            end_ns = min(moment.logged_end_ns, begin_ns + round(1e9 * FINDING_CLIP_S))
             content, count = clips.cut(begin_ns - margin_ns, end_ns + margin_ns)
             write(path, content)
             yield f'clip  {path}: {count} messages'

@@ -1,4 +1,4 @@
-"""Whether the calibration of a rig is one: rotations, directions, lever arms, baselines, order."""
+"""Whether a calibration can be right: rotations, directions, lever arms, baselines, order."""
 
 from __future__ import annotations
 
@@ -11,26 +11,27 @@ from typing import Any
 import numpy as np
 
 from vio_eval_ros.core.rotation import angle_of_matrix
-from vio_eval_ros.inspection.chains import Chain, FROM_CAMERA, inverse, NOISE, RATES, TO_CAMERA
-from vio_eval_ros.inspection.findings import Finding
+from vio_eval_ros.inspection.calibration_files import (
+    CalibrationFile,
+    FROM_CAMERA,
+    FROM_CAMERA_BEFORE,
+    inverse,
+    TO_CAMERA,
+)
+from vio_eval_ros.inspection.calibration_noise import noise_findings, noise_sentences
+from vio_eval_ros.inspection.finding import Finding
+from vio_eval_ros.inspection.findings import FINDINGS
 from vio_eval_ros.inspection.inertial import upwards
 from vio_eval_ros.inspection.inspection import Inspection
+from vio_eval_ros.inspection.limits import InspectionLimits
 
-# What a random walk is larger than where it was exchanged with the density: so many times it. That
-# of accelerometers is often enlarged for a filter
-EXCHANGED = {'gyroscope': 1.0, 'accelerometer': 3.0}
-# The rate of the recording is the one that is given, within this part
-SAME_RATE = 0.1
-DIGITS = 1e-3
-# Arms longer than ten times that are in millimetres for certain
-LONGEST_ARM_M, BASELINE_M = 2.0, (0.005, 2.0)
-SIDEWAYS = 0.7
-MISMATCH_M, MISMATCH_DEG = 0.005, 0.5
+# A translation longer than the limit by this is in millimetres for certain
+MILLIMETRES = 10.0
+# Cameras are side by side, and look the same way, where this part of the baseline is along x, and
+# of one optical axis along the other
+SIDEWAYS_COSINE = 0.7
 # A file agrees with itself as well as it has digits
 SAME_M, SAME_DEG = 0.001, 0.1
-# A camera stands upright where -y of it is within this of up
-UPRIGHT_DEG = 20.0
-LARGEST_SHIFT_S = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,10 +39,10 @@ class Calibration:
     """
     What calibration files say, and what is wrong with it.
 
-    :param sentences: what is so, to be read by a person, by what it is so of: a file, or all.
+    :param sentences: what is so, to be read by a person, by file.
     """
 
-    chains: list[Chain]
+    files: list[CalibrationFile]
     sentences: dict[str, list[str]]
     findings: list[Finding]
 
@@ -50,224 +51,223 @@ class Calibration:
         return {
             'chains': [
                 {
-                    'source': chain.source,
+                    'source': file.source,
                     'cameras': {
                         name: {
-                            'given_as': chain.said[name],
+                            'given_as': file.keys[name],
                             'T_imu_cam': matrix.tolist(),
-                            'timeshift_s': chain.shifts.get(name),
+                            'timeshift_s': file.shifts.get(name),
                         }
-                        for name, matrix in chain.cameras.items()
+                        for name, matrix in file.cameras.items()
                     },
-                    'imus': chain.noise,
+                    'imus': file.noise,
                 }
-                for chain in self.chains
+                for file in self.files
             ],
             'sentences': self.sentences,
         }
 
 
-def check_calibration(chains: Sequence[Chain], inspection: Inspection) -> Calibration:
+def check_calibration(files: Sequence[CalibrationFile], inspection: Inspection) -> Calibration:
     """
     Return what calibration files say, whether it can be so, and whether they agree.
 
-    :param inspection: of the recording; where its IMU stood still, up is told in each camera.
+    :param inspection: of the recording; where its IMU stood still, it tells which axis of each
+        camera points up.
     """
+    limits = inspection.limits
+    rates_hz = [one.timing.rate_hz for one in inspection.streams if one.inertial is not None]
     findings: list[Finding] = []
     sentences: dict[str, list[str]] = {}
-    for chain in chains:
-        findings += [*_rigid(chain), *_long(chain), *_noise(chain, inspection)]
-        told = [_direction(chain, name) for name in chain.cameras]
-        for first, second in pairwise(chain.cameras):
-            if not _arms(chain).keys() & {first, second}:
-                told += _stereo(chain, first, second, findings)
-        told += [*_shifts(chain, findings), *_up(chain, inspection, findings), *_said(chain)]
-        sentences[chain.source] = told or ['there is no camera in it']
-    with_cameras = [chain for chain in chains if chain.cameras]
-    for chain in with_cameras[1:]:
-        sentences[chain.source] += _agreement(with_cameras[0], chain, findings)
-    return Calibration(list(chains), sentences, findings)
+    for file in files:
+        findings += [*_rigid(file, limits), *_long(file, limits)]
+        findings += noise_findings(file, rates_hz, limits)
+        said = [_direction(file, name) for name in file.cameras]
+        for first, second in pairwise(file.cameras):
+            if not _too_long(file, limits).keys() & {first, second}:
+                said += _stereo(file, first, second, limits, findings)
+        said += [
+            *_shifts(file, limits, findings),
+            *_up(file, inspection, findings),
+            *noise_sentences(file),
+        ]
+        sentences[file.source] = said or ['there is no camera in it']
+    with_cameras = [file for file in files if file.cameras]
+    for file in with_cameras[1:]:
+        sentences[file.source] += _agreement(with_cameras[0], file, limits, findings)
+    return Calibration(list(files), sentences, findings)
 
 
-def _rigid(chain: Chain) -> Iterator[Finding]:
-    """Yield the transformations that are none, as they were written."""
-    for (name, key), matrix in chain.given.items():
+def _rigid(file: CalibrationFile, limits: InspectionLimits) -> Iterator[Finding]:
+    """Yield matrices that are not rigid transforms, as they were written."""
+    for (name, key), matrix in file.given.items():
         rotation = matrix[:3, :3]
         off = float(np.abs(rotation.T @ rotation - np.eye(3)).max())
         determinant = float(np.linalg.det(rotation))
-        if off > DIGITS or determinant < 0 or np.abs(matrix[3] - [0, 0, 0, 1]).max() > DIGITS:
-            yield Finding(
-                'not_a_rotation', f'{chain.source}:{name}', 'fail',
-                f'the rotation of {key} is off orthonormal by {off:.2g} and has determinant '
-                f'{determinant:.4g}; its last row is {matrix[3].tolist()}',
+        last_row_off = float(np.abs(matrix[3] - [0, 0, 0, 1]).max())
+        if max(off, last_row_off) > limits.rotation_tolerance or determinant < 0:
+            yield FINDINGS['not_a_rotation'].found(
+                f'{file.source}:{name}',
+                key=key,
+                determinant=determinant,
+                row=matrix[3].tolist(),
                 value=off,
-            )  # fmt: skip
+            )
 
 
-def _arms(chain: Chain) -> dict[str, float]:
+def _too_long(file: CalibrationFile, limits: InspectionLimits) -> dict[str, float]:
     """Return the longest translation that is given of each sensor, where it is too long."""
     arms: dict[str, float] = {}
-    for (name, _), matrix in chain.given.items():
+    for (name, _), matrix in file.given.items():
         arms[name] = max(arms.get(name, 0.0), float(np.linalg.norm(matrix[:3, 3])))
-    return {name: arm for name, arm in arms.items() if arm > LONGEST_ARM_M}
+    return {name: arm for name, arm in arms.items() if arm > limits.lever_arm_m}
 
 
-def _long(chain: Chain) -> Iterator[Finding]:
+def _long(file: CalibrationFile, limits: InspectionLimits) -> Iterator[Finding]:
     """Yield that translations are too long; one finding, whatever else follows from it."""
-    arms = _arms(chain)
+    arms = _too_long(file, limits)
     if arms:
         longest = max(arms.values())
-        shown = ', '.join(f'{name} {arm:.4g}' for name, arm in arms.items())
-        yield Finding(
-            'lever_arm', f'{chain.source}:{next(iter(arms))}',
-            'fail' if longest > 10 * LONGEST_ARM_M else 'warn',
-            f'translations are longer than {LONGEST_ARM_M:g} m ({shown}): in millimetres?',
-            len(arms), longest, 'm',
-        )  # fmt: skip
+        yield FINDINGS['lever_arm'].found(
+            f'{file.source}:{next(iter(arms))}',
+            severe=longest > MILLIMETRES * limits.lever_arm_m,
+            limit=limits.lever_arm_m,
+            arms=', '.join(f'{name} {arm:.4g}' for name, arm in arms.items()),
+            count=len(arms),
+            value=longest,
+        )
 
 
-def _noise(chain: Chain, inspection: Inspection) -> Iterator[Finding]:
-    """Yield what no IMU has, figures of noise that are far off or not there, or what this has."""
-    recorded = [e.timing.rate_hz for e in inspection.streams if e.inertial is not None]
-    for name, figures in chain.noise.items():
-        where = f'{chain.source}:{name}'
-        for key, (unit, least, most) in (NOISE | RATES).items():
-            value = figures.get(key, math.nan)
-            if not math.isnan(value) and not least <= value <= most:
-                yield Finding(
-                    'imu_noise', where, 'warn' if value > 0 else 'fail',
-                    f'{key} is {value:g} {unit}; from {least:g} to {most:g} there are',
-                    value=value, unit=unit,
-                )  # fmt: skip
-        lacking = [key for key in NOISE if key not in figures]
-        if len(lacking) < len(NOISE) and lacking:
-            yield Finding('imu_noise', where, 'warn', f'there is no {" and no ".join(lacking)}')
-        for sensor, times in EXCHANGED.items():
-            density, walk = f'{sensor}_noise_density', f'{sensor}_random_walk'
-            pair = [figures.get(key, math.nan) for key in (density, walk)]
-            is_known = all(
-                NOISE[key][1] <= value <= NOISE[key][2]
-                for key, value in zip((density, walk), pair, strict=True)
-            )
-            if is_known and pair[1] > times * pair[0]:
-                yield Finding(
-                    'imu_noise', where, 'warn',
-                    f'{walk} {pair[1]:g} is larger than {density} {pair[0]:g}: exchanged?',
-                    value=pair[1] / pair[0], unit='ratio',
-                )  # fmt: skip
-        for key, (_, least, most) in RATES.items():
-            rate_hz = figures.get(key, math.nan)
-            differs = all(abs(one - rate_hz) > SAME_RATE * one for one in recorded)
-            if recorded and differs and least <= rate_hz <= most:
-                shown = ' and '.join(f'{one:.4g}' for one in recorded)
-                yield Finding(
-                    'imu_noise', where, 'warn',
-                    f'{key} is {rate_hz:g} Hz; the IMU of the recording has {shown} Hz',
-                    value=rate_hz, unit='Hz',
-                )  # fmt: skip
-
-
-def _direction(chain: Chain, name: str) -> str:
+def _direction(file: CalibrationFile, name: str) -> str:
     """Return in words which way the transformation of a camera maps."""
-    said, arm = chain.said[name], chain.cameras[name][:3, 3]
-    if not said:
+    key = file.keys[name]
+    if not key:
         return f'{name} is the origin; no IMU is given'
-    if said == 'T_cn_cnm1':
-        words = f'{said} maps the camera before it into {name}'
-    elif said in FROM_CAMERA:
-        words = f'{said} maps {name} into the {"body" if said == "T_BS" else "IMU"}'
+    if key == FROM_CAMERA_BEFORE:
+        words = f'{key} maps the camera before it into {name}'
+    elif key in FROM_CAMERA:
+        words = f'{key} maps {name} into the {"body" if key == "T_BS" else "IMU"}'
     else:
-        words = f'{said} maps the IMU into {name}'
-    at = ' '.join(f'{1e3 * x:.1f}' for x in arm)
-    frame = 'the IMU' if chain.has_imu else next(iter(chain.cameras))
+        words = f'{key} maps the IMU into {name}'
+    at = ' '.join(f'{1e3 * x:.1f}' for x in file.cameras[name][:3, 3])
+    frame = 'the IMU' if file.has_imu else next(iter(file.cameras))
     return f'{words}; {name} is at {at} mm in the frame of {frame}'
 
 
-def _stereo(chain: Chain, first: str, second: str, findings: list[Finding]) -> Iterator[str]:
+def _stereo(
+    file: CalibrationFile,
+    first: str,
+    second: str,
+    limits: InspectionLimits,
+    findings: list[Finding],
+) -> Iterator[str]:
     """Yield how two cameras stand to each other."""
-    where = f'{chain.source}:{second}'
-    relative = inverse(chain.cameras[first]) @ chain.cameras[second]
+    where = f'{file.source}:{second}'
+    relative = inverse(file.cameras[first]) @ file.cameras[second]
     place = relative[:3, 3]
     baseline = float(np.linalg.norm(place))
-    if not BASELINE_M[0] <= baseline <= BASELINE_M[1]:
-        message = f'its baseline to {first} is {baseline:.4g} m'
-        findings.append(Finding('baseline', where, 'warn', message, value=baseline, unit='m'))
+    if not limits.baseline_min_m <= baseline <= limits.baseline_max_m:
+        findings.append(FINDINGS['baseline'].found(where, first=first, value=baseline))
     axis = int(np.argmax(np.abs(place)))
     along = '+-'[int(place[axis] < 0)] + 'xyz'[axis]
     yield (
-        f'{second} is {1e3 * baseline:.2f} mm from {first}, along {along} of {first}, '
-        f'{math.degrees(angle_of_matrix(relative[:3, :3])):.2f} deg turned'
+        f'{second} is {1e3 * baseline:.2f} mm from {first}, along {along} of {first}, rotated by '
+        f'{math.degrees(angle_of_matrix(relative[:3, :3])):.2f} deg'
     )
-    is_sideways = abs(place[0]) >= SIDEWAYS * baseline
-    faces_alike = relative[2, 2] > SIDEWAYS
-    ways: list[tuple[str, np.ndarray]] = []
-    if _is_given_twice(chain, second):
-        disagree = list(_between(chain, first, second, relative))
-        findings += disagree
-        if disagree:
+    other_places: list[tuple[str, np.ndarray]] = []
+    if _is_given_twice(file, second):
+        mismatch = _mismatch(file, first, second, relative, limits)
+        if mismatch is not None:
+            findings.append(mismatch)
             return
-    elif not chain.said[first] or chain.said[second] != 'T_cn_cnm1':
-        names = (first, second) if chain.said[first] else (second,)
-        ways = [
-            (way, (inverse(cameras[first]) @ cameras[second])[:3, 3])
-            for way, cameras in _ways(chain, names)
-        ]
-    if not is_sideways:
-        beside = [way for way, to in ways if abs(to[0]) >= SIDEWAYS * np.linalg.norm(to)]
-        if beside:
-            message = f'{second} is not beside {first}, but would be if {" or ".join(beside)}'
-            findings.append(Finding('direction', where, 'warn', message))
-        return
-    if faces_alike and place[0] < 0:
-        message = f'{first} is the right camera, {second} the left'
-        if left := [way for way, to in ways if to[0] >= SIDEWAYS * np.linalg.norm(to)]:
-            message += f', unless {" or ".join(left)}'
-        offset = float(place[0])
-        findings.append(Finding('camera_order', where, 'warn', message, value=offset, unit='m'))
-    elif faces_alike:
-        yield f'{first} is the left camera, {second} the right'
+    else:
+        other_places = _other_places(file, first, second)
+    if not _is_beside(place):
+        ways = [way for way, other in other_places if _is_beside(other)]
+        if ways:
+            findings.append(
+                FINDINGS['direction'].found(
+                    where, 'beside', first=first, second=second, ways=' or '.join(ways)
+                )
+            )
+    elif relative[2, 2] > SIDEWAYS_COSINE:  # they look the same way
+        if place[0] >= 0:
+            yield f'{first} is the left camera, {second} the right'
+            return
+        ways = [way for way, other in other_places if _is_beside(other) and other[0] >= 0]
+        findings.append(
+            FINDINGS['camera_order'].found(
+                where,
+                first=first,
+                second=second,
+                unless=f', unless {" or ".join(ways)}' if ways else '',
+                value=float(place[0]),
+            )
+        )
 
 
-def _ways(chain: Chain, names: Sequence[str]) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
+def _is_beside(place: np.ndarray) -> bool:
+    """Return whether a camera at (3,) ``place`` of another one is beside it."""
+    return bool(abs(place[0]) >= SIDEWAYS_COSINE * np.linalg.norm(place))
+
+
+def _other_places(file: CalibrationFile, first: str, second: str) -> list[tuple[str, np.ndarray]]:
+    """Return in words how else two cameras may have been meant, and where the second is then."""
+    if file.keys[first] and file.keys[second] == FROM_CAMERA_BEFORE:
+        return []
+    names = (first, second) if file.keys[first] else (second,)
+    return [
+        (way, (inverse(cameras[first]) @ cameras[second])[:3, 3])
+        for way, cameras in _ways(file, names)
+    ]
+
+
+def _ways(
+    file: CalibrationFile, names: Sequence[str]
+) -> Iterator[tuple[str, dict[str, np.ndarray]]]:
     """Yield in words how else some cameras may have been meant, and all as they would be then."""
-    said = ' and '.join(f'{chain.said[name]} of {name}' for name in names)
-    inverted = {name: inverse(chain.cameras[name]) for name in names}
-    yield f'{said} were the inverse of what the name says', chain.cameras | inverted
-    turned = {}
+    keys = ' and '.join(f'{file.keys[name]} of {name}' for name in names)
+    inverted = {name: inverse(file.cameras[name]) for name in names}
+    yield f'{keys} were the inverse of what the name says', file.cameras | inverted
+    transposed = {}
     for name in names:
-        matrix = chain.given[name, chain.said[name]].copy()
+        matrix = file.given[name, file.keys[name]].copy()
         matrix[:3, :3] = matrix[:3, :3].T
-        turned[name] = matrix if chain.said[name] in FROM_CAMERA else inverse(matrix)
-    yield f'the rotation in {said} were transposed', chain.cameras | turned
+        transposed[name] = matrix if file.keys[name] in FROM_CAMERA else inverse(matrix)
+    yield f'the rotation in {keys} were transposed', file.cameras | transposed
 
 
-def _is_given_twice(chain: Chain, second: str) -> bool:
+def _is_given_twice(file: CalibrationFile, second: str) -> bool:
     """Return whether a file has a camera both in the IMU and in the camera before it."""
-    return second in chain.between and chain.said[second] != 'T_cn_cnm1'
+    return second in file.between and file.keys[second] != FROM_CAMERA_BEFORE
 
 
-def _between(chain: Chain, first: str, second: str, relative: np.ndarray) -> Iterator[Finding]:
-    """Yield that a camera is given twice, and not alike, and how it would be."""
-    given = inverse(chain.between[second])
+def _mismatch(
+    file: CalibrationFile, first: str, second: str, relative: np.ndarray, limits: InspectionLimits
+) -> Finding | None:
+    """Return that a camera is given twice, and not alike, and how it would be."""
+    given = inverse(file.between[second])
     if _agree(given, relative):
-        return
+        return None
     metres, degrees = _apart(given, relative)
-    where, said = f'{chain.source}:{second}', chain.said[second]
-    message = f'T_cn_cnm1 and {said} disagree by {1e3 * metres:.3g} mm and {degrees:.3g} deg'
-    known = [name for name in (first, second) if chain.said[name] in (*FROM_CAMERA, *TO_CAMERA)]
-    ways = ['T_cn_cnm1 were its inverse'] * _agree(inverse(given), relative)
+    where, key = f'{file.source}:{second}', file.keys[second]
+    apart = f'{FROM_CAMERA_BEFORE} and {key} differ by {1e3 * metres:.3g} mm and {degrees:.3g} deg'
+    known = [name for name in (first, second) if file.keys[name] in (*FROM_CAMERA, *TO_CAMERA)]
+    ways = [f'{FROM_CAMERA_BEFORE} were its inverse'] * _agree(inverse(given), relative)
     ways += [
         way
         for names in dict.fromkeys((*((name,) for name in known), tuple(known)))
-        for way, cameras in _ways(chain, names)
+        for way, cameras in _ways(file, names)
         if _agree(given, inverse(cameras[first]) @ cameras[second])
     ]
     if ways:
-        message += f', but would not if {" or ".join(ways)}'
-    elif metres <= MISMATCH_M and degrees <= MISMATCH_DEG:
-        return
-    name = 'direction' if ways else 'chain_mismatch'
-    yield Finding(name, where, 'warn', message, value=metres, unit='m')
+        ways_shown = ' or '.join(ways)
+        return FINDINGS['direction'].found(
+            where, 'chain', apart=apart, ways=ways_shown, value=metres, unit='m'
+        )
+    if metres <= limits.mismatch_m and degrees <= limits.mismatch_deg:
+        return None
+    return FINDINGS['chain_mismatch'].found(where, apart=apart, value=metres)
 
 
 def _agree(a: np.ndarray, b: np.ndarray) -> bool:
@@ -275,76 +275,75 @@ def _agree(a: np.ndarray, b: np.ndarray) -> bool:
     return metres <= SAME_M and degrees <= SAME_DEG
 
 
-def _shifts(chain: Chain, findings: list[Finding]) -> Iterator[str]:
-    for name, shift in chain.shifts.items():
+def _apart(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
+    """Return by how many metres and degrees two transformations differ."""
+    difference = inverse(a) @ b
+    degrees = math.degrees(angle_of_matrix(difference[:3, :3]))
+    return float(np.linalg.norm(difference[:3, 3])), degrees
+
+
+def _shifts(
+    file: CalibrationFile, limits: InspectionLimits, findings: list[Finding]
+) -> Iterator[str]:
+    """Yield by how much the clocks of the cameras differ from that of the IMU."""
+    for name, shift in file.shifts.items():
         yield f"{1e3 * shift:+.3f} ms added to the stamps of {name} make them the IMU's"
-        if abs(shift) > LARGEST_SHIFT_S:
-            where, message = f'{chain.source}:{name}', f'{shift:.3g} s between camera and IMU'
-            findings.append(Finding('timeshift', where, 'warn', message, value=shift, unit='s'))
+        if abs(shift) > limits.timeshift_s:
+            findings.append(FINDINGS['timeshift'].found(f'{file.source}:{name}', value=shift))
 
 
-def _said(chain: Chain) -> Iterator[str]:
-    """Yield what is said of the noise of each IMU."""
-    for name, figures in chain.noise.items():
-        if figures:
-            units = {key: unit for key, (unit, _, _) in (NOISE | RATES).items()}
-            shown = (f'{key} {value:g} {units[key]}' for key, value in figures.items())
-            yield f'{name}: {", ".join(shown)}'
-
-
-def _agreement(first: Chain, chain: Chain, findings: list[Finding]) -> Iterator[str]:
+def _agreement(
+    first: CalibrationFile,
+    file: CalibrationFile,
+    limits: InspectionLimits,
+    findings: list[Finding],
+) -> Iterator[str]:
     """Yield by how much the cameras of a file differ from those of the first one."""
-    ours, theirs = chain.cameras, first.cameras
-    if not (chain.has_imu and first.has_imu):
-        ours, theirs = _relative(ours), _relative(theirs)
-    if _arms(chain) or _arms(first):
+    ours, theirs = file.cameras, first.cameras
+    if not (file.has_imu and first.has_imu):
+        ours, theirs = _in_first_camera(ours), _in_first_camera(theirs)
+    if _too_long(file, limits) or _too_long(first, limits):
         return  # in different units there is no more to say
     for name in [name for name in ours if name in theirs]:
         metres, degrees = _apart(theirs[name], ours[name])
-        differs = f'differs from {first.source} by {1e3 * metres:.3g} mm and {degrees:.3g} deg'
-        yield f'{name} {differs}'
-        if metres > MISMATCH_M or degrees > MISMATCH_DEG:
-            where = f'{chain.source}:{name}'
-            findings.append(
-                Finding('chain_mismatch', where, 'warn', differs, value=metres, unit='m')
-            )
+        apart = f'differs from {first.source} by {1e3 * metres:.3g} mm and {degrees:.3g} deg'
+        yield f'{name} {apart}'
+        if metres > limits.mismatch_m or degrees > limits.mismatch_deg:
+            where = f'{file.source}:{name}'
+            findings.append(FINDINGS['chain_mismatch'].found(where, apart=apart, value=metres))
 
 
-def _relative(cameras: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def _in_first_camera(cameras: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Return the cameras in the frame of the first of them."""
     origin = inverse(next(iter(cameras.values())))
     return {name: origin @ matrix for name, matrix in cameras.items()}
 
 
-def _apart(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:
-    """Return by how many metres and degrees two transformations differ."""
-    difference = inverse(a) @ b
-    return float(np.linalg.norm(difference[:3, 3])), math.degrees(
-        angle_of_matrix(difference[:3, :3])
-    )
-
-
-def _up(chain: Chain, inspection: Inspection, findings: list[Finding]) -> Iterator[str]:
+def _up(file: CalibrationFile, inspection: Inspection, findings: list[Finding]) -> Iterator[str]:
     """Yield which axis of each camera points up, if it is fixed to an IMU that stood still."""
     felt = next((e.inertial for e in inspection.streams if e.inertial and e.inertial.up), None)
-    if felt is None or not chain.has_imu:
+    if felt is None or not file.has_imu:
         return
     force = np.array(felt.force_m_s2)
-    told = {one.topic for one in findings if one.name in ('direction', 'chain_mismatch')}
-    for name, matrix in chain.cameras.items():
+    is_explained = any(
+        one.name in ('direction', 'chain_mismatch') and one.topic.startswith(f'{file.source}:')
+        for one in findings
+    )
+    for name, matrix in file.cameras.items():
         axis, off = upwards(matrix[:3, :3].T @ force)
         yield (
             f'{axis} of {name} points up while {felt.up} of the IMU does ({off:.1f} deg off; '
             '-y of a camera that stands upright)'
         )
         other, other_off = upwards(matrix[:3, :3] @ force)
-        is_upright = other == '-y' and other_off < UPRIGHT_DEG
-        if axis != '-y' and is_upright and not any(f'{chain.source}:' in one for one in told):
-            # some are mounted upside down
-            findings.append(
-                Finding(
-                    'direction', f'{chain.source}:{name}', 'info' if axis == '+y' else 'warn',
-                    f'at rest {axis} of {name} points up; it would stand upright if its rotation '
-                    f'in {chain.said[name]} were transposed, or all of it inverted',
-                )
-            )  # fmt: skip
+        is_upright = other == '-y' and other_off < inspection.limits.upright_deg
+        if axis != '-y' and is_upright and not is_explained:
+            finding = FINDINGS['direction'].found(
+                f'{file.source}:{name}',
+                'upright',
+                minor=axis == '+y',  # some are mounted upside down
+                axis=axis,
+                camera=name,
+                key=file.keys[name],
+            )
+            findings.append(finding)

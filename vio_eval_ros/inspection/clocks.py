@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
 from itertools import pairwise
 import math
 from typing import NamedTuple
@@ -11,48 +10,33 @@ from typing import NamedTuple
 import numpy as np
 
 from vio_eval_ros.core.sensor_stream import Moment, runs, SensorStream, spread
-from vio_eval_ros.inspection.findings import are, Finding
+from vio_eval_ros.inspection.finding import are, Finding
+from vio_eval_ros.inspection.findings import FINDINGS
+from vio_eval_ros.inspection.limits import InspectionLimits
+from vio_eval_ros.inspection.measured_stream import Clocks
 
-WINDOWS, LEAST_WINDOWS, MESSAGES_A_WINDOW = 64, 16, 8
-LEAST_S = 10.0
-# A drift is told where it is more than this, certain, and matters at the end of the recording
-DRIFT_PPM, DRIFT_TOTAL_S, DEVIATIONS = 10.0, 0.0009, 4.0
-# What is left of a line wanders where the means of so many parts vary by this much more than
-# noise does, and then hides a slope that makes this many of their standard deviations
-PARTS, WANDERS, HIDDEN = 8, 3.0, 3.0
-# A line is one where its halves differ from it by no more than this, or so many deviations
-BENT, HALF_DEVIATIONS, STRAIGHT = 0.7, 8.0, 0.3
-# No quartz drifts as much
-REPLAYED_PPM = 1000.0
-STANDS_STILL = 1e-3
-# What a message may take from sensor to disk, and how early a clock may be without a word
-LATEST_S, EARLIEST_S = 1.0, -0.001
-# A clock was set where all that is behind differs from all in front by this, and many spreads
-STEP_S, STEP_SPREADS = 0.005, 10.0
-# Messages were held up where they are late by this, so many periods and so many spreads of all
-HELD_S, HELD_PERIODS, HELD_SPREADS = 0.5, 10.0, 10.0
-
-
-@dataclass(frozen=True)
-class Clocks:
-    """
-    Log time minus stamp, of the messages of a stream; NaN where it cannot be told.
-
-    :param latency_median_s: and ``latency_p99_s``: what it is, clocks and transport together.
-    :param offset_s: of the lower envelope in the middle of the recording: the difference of the
-        clocks and the least time of transport, which no recording can tell apart.
-    :param drift_ppm: by how much faster than the stamps the clock of the recorder runs, and
-        ``drift_uncertainty_ppm``, its standard deviation; NaN where it does not run evenly.
-    :param jitter_s: standard deviation of transport, robust: what is left above the envelope.
-    """
-
-    latency_median_s: float
-    latency_p99_s: float
-    offset_s: float
-    drift_ppm: float = math.nan
-    drift_uncertainty_ppm: float = math.nan
-    jitter_s: float = math.nan
-    is_steady: bool = False
+# A line is fitted to one point for each of so many windows; fewer, shorter ones show no drift
+MAX_WINDOWS, MIN_WINDOWS, WINDOW_MESSAGES = 64, 16, 8
+MIN_DURATION_S = 10.0
+# A drift is certain beyond so many of its standard deviations
+DRIFT_DEVIATIONS = 4.0
+# No clock of a computer resolves less
+RESOLUTION_S = 1e-7
+# Neighbours that err alike enlarge the uncertainty as an autoregressive process of up to this
+MAX_AUTOCORRELATION = 0.9
+# Residuals wander where the means of so many parts vary by this many times what noise explains; a
+# slope may then be off by so many standard deviations of these means over the recording
+PARTS, WANDER_VARIANCES, WANDER_DEVIATIONS = 8, 3.0, 3.0
+# A line is straight where the slopes of its halves differ from it by less than this part or so
+# many standard deviations; it is a step where both halves have less than that part of its slope
+HALF_SLOPE, HALF_DEVIATIONS, STEP_SLOPE = 0.7, 8.0, 0.3
+# The clock of the recorder stands still where it runs at less than this part of the stamps' speed
+STANDSTILL_PACE = 1e-3
+# A step, and a message that is late, stand out of noise by so many spreads
+STEP_SPREADS, LATE_SPREADS = 10.0, 10.0
+# Messages that come at long intervals are late after so many of them
+LATE_PERIODS = 10.0
+CONFIDENCE_95 = 1.96
 
 
 class Line(NamedTuple):
@@ -70,10 +54,23 @@ class Line(NamedTuple):
     is_straight: bool
 
 
-def clocks(stream: SensorStream) -> tuple[Clocks | None, list[Finding]]:
-    """Return how the clocks of a stream compare; None where it has but one."""
+class ComparedClocks(NamedTuple):
+    """
+    How the clocks of a stream compare, and what is wrong with them.
+
+    :param clocks: None where there is only one.
+    :param stamps_step: when the clock of the stamps was set, while messages went on.
+    """
+
+    clocks: Clocks | None
+    findings: list[Finding]
+    stamps_step: Moment | None = None
+
+
+def clocks(stream: SensorStream, limits: InspectionLimits) -> ComparedClocks:
+    """Return how the clock of the stamps compares with that of the recorder."""
     if stream.logged_ns is None or stream.stamps_ns is None:
-        return None, []
+        return ComparedClocks(None, [])
     latencies_ns = stream.logged_ns - stream.stamps_ns
     # differences of years have no nanoseconds left in floating point
     first_ns = int(latencies_ns[0])
@@ -82,65 +79,76 @@ def clocks(stream: SensorStream) -> tuple[Clocks | None, list[Finding]]:
     median, p99 = (base_s + np.quantile(latencies, [0.5, 0.99])).tolist()
     order = np.argsort(stream.stamps_ns, kind='stable')
     seconds = (stream.stamps_ns[order] - stream.stamps_ns[order[0]]) / 1e9
-    count = min(WINDOWS, len(order) // MESSAGES_A_WINDOW)
-    if count < LEAST_WINDOWS or seconds[-1] < LEAST_S:
+    count = min(MAX_WINDOWS, len(order) // WINDOW_MESSAGES)
+    if count < MIN_WINDOWS or seconds[-1] < MIN_DURATION_S:
         low = Clocks(median, p99, base_s + float(latencies.min()))
-        return low, [*_findings(stream, low), *_late(stream, latencies)]
-    edges = np.linspace(0, len(order), count + 1).astype(int)
-    windows = list(pairwise(edges.tolist()))
+        found = [*_findings(stream, low, limits), *_late(stream, latencies, limits)]
+        return ComparedClocks(low, found)
     x, latencies = seconds - seconds[-1] / 2, latencies[order]
+    line, height, lowest = _lines(x, latencies, count)
+    step = None if line.is_straight else _step(stream, order, lowest, latencies, limits)
+    if step is not None:  # what it was until then
+        is_before = stream.stamps_ns[order] <= step.moment.begin_ns
+        height = float(latencies[is_before].min())
+    residuals = latencies - line.slope * line.is_straight * x
+    figures = Clocks(
+        latency_median_s=median,
+        latency_p99_s=p99,
+        offset_s=base_s + height,
+        drift_ppm=1e6 * line.slope if line.is_straight else math.nan,
+        drift_uncertainty_ppm=1e6 * line.uncertainty if line.is_straight else math.nan,
+        jitter_s=spread(residuals),
+        is_steady=line.is_straight,
+    )
+    found = list(_findings(stream, figures, limits))
+    if step is not None:
+        found.append(_step_finding(stream, step))
+    if not abs(figures.drift_ppm) > limits.replayed_ppm:
+        found += _late(stream, residuals[np.argsort(order)], limits)
+    return ComparedClocks(figures, found, step.moment if step and step.is_of_stamps else None)
+
+
+def _lines(x: np.ndarray, latencies: np.ndarray, count: int) -> tuple[Line, float, np.ndarray]:
+    """
+    Return the line of the latencies, the height of their lower envelope, and its points.
+
+    The least latency of each of ``count`` windows lies on a line whatever the load. Where delays
+    scatter to both sides it varies more than the median of each does: the line that is less
+    uncertain counts.
+    """
+    edges = np.linspace(0, len(x), count + 1).astype(int)
+    windows = list(pairwise(edges.tolist()))
     lowest = np.array([a + latencies[a:b].argmin() for a, b in windows])
-    envelope = fit(x[lowest], latencies[lowest])
-    # the least of what is not late on one side only varies more than the middle of it
-    middle = fit(
+    envelope = robust_line(x[lowest], latencies[lowest])
+    middle = robust_line(
         np.array([x[a:b].mean() for a, b in windows]),
         np.array([np.median(latencies[a:b]) for a, b in windows]),
     )
-    line = min(envelope, middle, key=lambda one: one.uncertainty)
-    stepped = [] if line.is_straight else list(_step(stream, order, lowest, latencies))
-    offset = envelope.height
-    if stepped:  # what it was until then
-        is_before = stream.stamps_ns[order] <= stepped[0].moments[0].begin_ns
-        offset = float(latencies[is_before].min())
-    rest = latencies - line.slope * line.is_straight * x
-    found = Clocks(
-        median,
-        p99,
-        base_s + offset,
-        1e6 * line.slope if line.is_straight else math.nan,
-        1e6 * line.uncertainty if line.is_straight else math.nan,
-        spread(rest),
-        line.is_straight,
-    )
-    findings = [*_findings(stream, found), *stepped]
-    if not abs(found.drift_ppm) > REPLAYED_PPM:
-        findings += _late(stream, rest[np.argsort(order)])
-    return found, findings
+    return min(envelope, middle, key=lambda one: one.uncertainty), envelope.height, lowest
 
 
-def fit(x: np.ndarray, y: np.ndarray) -> Line:
+def robust_line(x: np.ndarray, y: np.ndarray) -> Line:
     """
     Return the line whose slope is the median of all slopes between points (Theil and Sen).
 
-    Its uncertainty is that of least squares with the spread of what is left, enlarged where
-    neighbours err alike; where that wanders, it is what such a wander makes of a slope.
+    Its uncertainty is that of least squares with the spread of the residuals, enlarged where
+    neighbours err alike; where they wander, it is what such a wander makes of a slope.
     """
     slope = theil_sen(x, y)
     height = float(np.median(y - slope * x))
-    rest = y - slope * x - height
-    # no better than clocks resolve
-    noise = max(spread(rest), 1e-7)
-    alike = min(max(_autocorrelation(rest), 0.0), 0.9)
+    residuals = y - slope * x - height
+    noise = max(spread(residuals), RESOLUTION_S)
+    alike = min(max(_autocorrelation(residuals), 0.0), MAX_AUTOCORRELATION)
     uncertainty = noise * math.sqrt((1 + alike) / (1 - alike) / len(x)) / float(np.std(x))
     stands_out = abs(slope) > uncertainty
-    parts = [float(part.mean()) for part in np.array_split(rest, PARTS)]
+    parts = [float(part.mean()) for part in np.array_split(residuals, PARTS)]
     wander = float(np.std(parts))
-    if wander**2 > WANDERS * noise**2 * PARTS / len(x):
-        uncertainty = max(uncertainty, HIDDEN * wander / float(np.ptp(x)))
+    if wander**2 > WANDER_VARIANCES * noise**2 * PARTS / len(x):
+        uncertainty = max(uncertainty, WANDER_DEVIATIONS * wander / float(np.ptp(x)))
     half = len(x) // 2
     halves = [theil_sen(x[:half], y[:half]), theil_sen(x[half:], y[half:])]
-    limit = max(BENT * abs(slope), HALF_DEVIATIONS * uncertainty)
-    is_step = stands_out and all(abs(part) < STRAIGHT * abs(slope) for part in halves)
+    limit = max(HALF_SLOPE * abs(slope), HALF_DEVIATIONS * uncertainty)
+    is_step = stands_out and all(abs(part) < STEP_SLOPE * abs(slope) for part in halves)
     is_straight = all(abs(part - slope) < limit for part in halves) and not is_step
     return Line(slope, height, uncertainty, is_straight)
 
@@ -152,64 +160,84 @@ def theil_sen(x: np.ndarray, y: np.ndarray) -> float:
     return float(np.median((y[j] - y[i])[apart] / (x[j] - x[i])[apart])) if apart.any() else 0.0
 
 
-def _autocorrelation(rest: np.ndarray) -> float:
-    square = float(rest @ rest)
-    return float(rest[1:] @ rest[:-1]) / square if square else 0.0
+def _autocorrelation(residuals: np.ndarray) -> float:
+    square = float(residuals @ residuals)
+    return float(residuals[1:] @ residuals[:-1]) / square if square else 0.0
 
 
-def is_drift(line: Line, duration_s: float, least_s: float = DRIFT_TOTAL_S) -> bool:
-    """Return whether two clocks drift apart for certain, and by more than something."""
+def is_drift(line: Line, duration_s: float, least_ppm: float, least_s: float) -> bool:
+    """Return whether two clocks drift apart for certain, by more than a rate and a time."""
     slope = abs(line.slope)
     return (
         line.is_straight
-        and slope > max(DRIFT_PPM / 1e6, DEVIATIONS * line.uncertainty)
+        and slope > max(least_ppm / 1e6, DRIFT_DEVIATIONS * line.uncertainty)
         and slope * duration_s > least_s
     )
 
 
+class _Step(NamedTuple):
+    """A step of the latency, in seconds, and whether it is rather one of the stamps."""
+
+    size_s: float
+    moment: Moment
+    is_of_stamps: bool
+
+
 def _step(
-    stream: SensorStream, order: np.ndarray, lowest: np.ndarray, latencies: np.ndarray
-) -> Iterator[Finding]:
-    """Yield where the latency steps from one level to another, and stays there."""
+    stream: SensorStream,
+    order: np.ndarray,
+    lowest: np.ndarray,
+    latencies: np.ndarray,
+    limits: InspectionLimits,
+) -> _Step | None:
+    """Return where the latency steps from one level to another, and stays there."""
     assert stream.stamps_ns is not None
-    assert stream.logged_ns is not None
-    y = latencies[lowest]
-    count = len(y)
-    before, after = np.maximum.accumulate(y), np.minimum.accumulate(y[::-1])[::-1]
-    up = after[1:] - before[:-1]
-    before, after = np.minimum.accumulate(y), np.maximum.accumulate(y[::-1])[::-1]
-    down = before[:-1] - after[1:]
-    inner = slice(2, count - 3)
-    k = 2 + int(np.argmax(np.maximum(up, down)[inner]))
-    size = float(np.median(y[k + 1 :]) - np.median(y[: k + 1]))
-    noise = max(spread(y[: k + 1]), spread(y[k + 1 :]))
-    if max(up[k], down[k]) < max(STEP_S, STEP_SPREADS * noise):
-        return
+    k, size = _largest_step(latencies[lowest], limits)
+    if not size:
+        return None
     a, b = int(lowest[k]), int(lowest[k + 1])
     at = a + int(np.abs(np.diff(latencies[a : b + 1])).argmax())
     stamped = float(np.diff(stream.stamps_ns[order[[at, at + 1]]])[0]) / 1e9
     usual = float(np.median(np.diff(stream.stamps_ns[order]))) / 1e9
-    is_stamps = abs(stamped - usual) > abs(size) / 2
+    is_of_stamps = abs(stamped - usual) > abs(size) / 2
     # a stamp that is set back is between those of others: sorting hid the step
-    is_stamps |= bool((np.diff(stream.stamps_ns) / 1e9 - usual < -abs(size) / 2).any())
-    whose = 'that of the stamps' if is_stamps else 'that of the recorder, or transport'
-    yield Finding(
-        'clock_step', stream.topic, 'warn' if is_stamps else 'info',
-        f'a clock steps by {1e3 * abs(size):.3g} ms, most likely {whose}',
-        value=size, unit='s', moments=(_moment(stream, order, at),),
-    )  # fmt: skip
+    is_of_stamps |= bool((np.diff(stream.stamps_ns) / 1e9 - usual < -abs(size) / 2).any())
+    return _Step(size, stream.moment(int(order[at]), int(order[at + 1])), is_of_stamps)
 
 
-def _moment(stream: SensorStream, order: np.ndarray, at: int) -> Moment:
-    return stream.moment(int(order[at]), int(order[at + 1]))
+def _step_finding(stream: SensorStream, step: _Step) -> Finding:
+    return FINDINGS['clock_step'].found(
+        stream,
+        minor=not step.is_of_stamps,
+        ms=1e3 * abs(step.size_s),
+        whose='that of the stamps' if step.is_of_stamps else 'that of the recorder, or transport',
+        value=step.size_s,
+        moments=(step.moment,),
+    )
 
 
-def _late(stream: SensorStream, latencies: np.ndarray) -> Iterator[Finding]:
+def _largest_step(y: np.ndarray, limits: InspectionLimits) -> tuple[int, float]:
+    """Return the index before which (N,) heights step, and by how much; zero if they do not."""
+    before, after = np.maximum.accumulate(y), np.minimum.accumulate(y[::-1])[::-1]
+    up = after[1:] - before[:-1]
+    before, after = np.minimum.accumulate(y), np.maximum.accumulate(y[::-1])[::-1]
+    down = before[:-1] - after[1:]
+    inner = slice(2, len(y) - 3)
+    k = 2 + int(np.argmax(np.maximum(up, down)[inner]))
+    noise = max(spread(y[: k + 1]), spread(y[k + 1 :]))
+    if max(up[k], down[k]) < max(limits.clock_step_s, STEP_SPREADS * noise):
+        return k, 0.0
+    return k, float(np.median(y[k + 1 :]) - np.median(y[: k + 1]))
+
+
+def _late(
+    stream: SensorStream, latencies: np.ndarray, limits: InspectionLimits
+) -> Iterator[Finding]:
     """Yield what was held up on its way: messages that are late, between others that are not."""
     assert stream.stamps_ns is not None
     late = latencies - np.median(latencies)
     period_s = float(np.median(np.diff(np.sort(stream.stamps_ns)))) / 1e9 if len(late) > 1 else 0.0
-    limit = max(HELD_S, HELD_PERIODS * period_s, HELD_SPREADS * spread(late))
+    limit = max(limits.late_arrival_s, LATE_PERIODS * period_s, LATE_SPREADS * spread(late))
     begins, ends = runs(late > limit)
     # a clock that was set does not catch up, and a stamp that is too early is not late
     is_held = (begins > 0) & (ends < len(late))
@@ -217,40 +245,42 @@ def _late(stream: SensorStream, latencies: np.ndarray) -> Iterator[Finding]:
     begins, ends = begins[is_held], ends[is_held]
     if len(begins):
         held = np.concatenate([late[k:end] for k, end in zip(begins, ends, strict=True)])
-        count, largest = len(held), float(held.max())
-        yield Finding(
-            'late_arrival', stream.topic, 'warn' if stream.is_sensor else 'info',
-            f'{are(count, "message")} recorded late, by up to {largest:.3g} s',
-            count, largest, 's', stream.moments(begins - 1, begins),
-        )  # fmt: skip
+        yield FINDINGS['late_arrival'].found(
+            stream,
+            messages=are(len(held), 'message'),
+            count=len(held),
+            value=float(held.max()),
+            moments=stream.moments(begins - 1, begins),
+        )
 
 
-def _findings(stream: SensorStream, found: Clocks) -> Iterator[Finding]:
+def _findings(stream: SensorStream, found: Clocks, limits: InspectionLimits) -> Iterator[Finding]:
     duration_s = float(np.ptp(stream.times_ns)) / 1e9
     drift, uncertainty = found.drift_ppm, found.drift_uncertainty_ppm
-    if abs(drift) > REPLAYED_PPM:
+    if abs(drift) > limits.replayed_ppm:
         pace = 1 + drift / 1e6
-        speed = (
-            f'the stamps run at {1 / pace:.4g} times the speed of the clock of the recorder, as '
-            'in a simulation or a replay'
-            if pace > STANDS_STILL
-            else 'the clock of the recorder does not go forward with the stamps'
+        yield FINDINGS['replayed'].found(
+            stream,
+            'pace' if pace > STANDSTILL_PACE else 'still',
+            pace=1 / pace if pace else math.inf,
+            value=drift,
         )
-        yield Finding('replayed', stream.topic, 'info', speed, value=drift, unit='ppm')
         return
-    if is_drift(Line(drift / 1e6, 0.0, uncertainty / 1e6, found.is_steady), duration_s):
-        total_s = abs(drift) * duration_s / 1e6
-        yield Finding(
-            'clock_drift', stream.topic, 'warn',
-            f'the clock of the recorder gains {drift:.1f} ± {1.96 * uncertainty:.1g} ppm on that '
-            f'of the stamps, {1e3 * total_s:.3g} ms over the recording',
-            value=drift, unit='ppm',
-        )  # fmt: skip
-    if not EARLIEST_S <= found.offset_s <= LATEST_S:
-        early = found.offset_s < 0
-        yield Finding(
-            'clock_offset', stream.topic, 'info',
-            f'stamped {abs(found.offset_s):.4g} s {"after" if early else "before"} it was '
-            'recorded, at least: the two clocks differ',
-            value=found.offset_s, unit='s',
-        )  # fmt: skip
+    line = Line(drift / 1e6, 0.0, uncertainty / 1e6, found.is_steady)
+    if is_drift(line, duration_s, limits.drift_ppm, limits.drift_s):
+        yield FINDINGS['clock_drift'].found(
+            stream,
+            'recorder',
+            interval=CONFIDENCE_95 * uncertainty,
+            total_ms=1e3 * (abs(drift) * duration_s / 1e6),
+            value=drift,
+        )
+    if not limits.latency_min_s <= found.offset_s <= limits.latency_max_s:
+        yield FINDINGS['clock_offset'].found(
+            stream,
+            'recorder',
+            minor=True,
+            apart=abs(found.offset_s),
+            side='after' if found.offset_s < 0 else 'before',
+            value=found.offset_s,
+        )

@@ -9,57 +9,67 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.inspection.clocks import Clocks
-from vio_eval_ros.inspection.inspection import Examined, Inspection
+from vio_eval_ros.inspection.cameras import Pair
+from vio_eval_ros.inspection.inspection import Inspection
+from vio_eval_ros.inspection.limits import InspectionLimits
+from vio_eval_ros.inspection.measured_stream import Clocks, MeasuredStream
 from vio_eval_ros.settings import finite, load_yaml, Section
 
 NODE = 'inspect'
-RATE_TOLERANCE = 0.01
+# A drift is at least so many standard deviations below its figure
+DRIFT_DEVIATIONS = 2
 UP_AXES = ('+x', '-x', '+y', '-y', '+z', '-z')
 
 
-def _missing_ratio(one: Examined) -> float:
+def _missing_ratio(one: MeasuredStream) -> float:
     return one.timing.missing / (one.timing.count + one.timing.missing)
 
 
 def _least_drift(clocks: Clocks) -> float:
-    """Return how much drift there is for certain: two standard deviations below the figure."""
-    return max(abs(clocks.drift_ppm) - 2 * clocks.drift_uncertainty_ppm, 0.0)
+    """Return the drift that there is for certain."""
+    return max(abs(clocks.drift_ppm) - DRIFT_DEVIATIONS * clocks.drift_uncertainty_ppm, 0.0)
 
 
-#: Limits of a stream: what is limited. ``max_`` and ``min_`` say on which side.
-LIMITS: dict[str, Callable[[Examined], float]] = {
-    'max_jitter_s': lambda one: one.timing.jitter_p99_s,
-    'max_gap_s': lambda one: one.timing.longest_s,
-    'max_missing_ratio': _missing_ratio,
-    'max_latency_s': lambda one: one.clocks.latency_p99_s if one.clocks else math.nan,
-    'max_drift_ppm': lambda one: _least_drift(one.clocks) if one.clocks else math.nan,
-    'min_duration_s': lambda one: one.timing.duration_s,
-    'min_rotation_rad_s': lambda one: (
-        one.inertial.rotation_rms_rad_s[1] if one.inertial else math.nan
+#: What can be expected of a stream: the figure, and its unit. ``max_`` and ``min_`` say on which
+#: side of the stated value it must be.
+FIGURES: dict[str, tuple[str, Callable[[MeasuredStream], float]]] = {
+    'max_jitter_s': ('s', lambda one: one.timing.jitter_p99_s),
+    'max_gap_s': ('s', lambda one: one.timing.longest_s),
+    'max_missing_ratio': ('', _missing_ratio),
+    'max_latency_s': ('s', lambda one: one.clocks.latency_p99_s if one.clocks else math.nan),
+    'max_drift_ppm': ('ppm', lambda one: _least_drift(one.clocks) if one.clocks else math.nan),
+    'min_duration_s': ('s', lambda one: one.timing.duration_s),
+    'min_rotation_rad_s': (
+        'rad/s',
+        lambda one: one.inertial.rotation_rms_rad_s[1] if one.inertial else math.nan,
     ),
-    'min_acceleration_m_s2': lambda one: (
-        one.inertial.acceleration_m_s2 if one.inertial else math.nan
+    'min_acceleration_m_s2': (
+        'm/s²',
+        lambda one: one.inertial.acceleration_m_s2 if one.inertial else math.nan,
     ),
-    'min_still_at_begin_s': lambda one: (
-        one.inertial.still_at_begin_s if one.inertial else math.nan
+    'min_still_at_begin_s': (
+        's',
+        lambda one: one.inertial.still_at_begin_s if one.inertial else math.nan,
     ),
 }
-STREAM_KEYS = ('topic', 'level', 'rate_hz', 'rate_tolerance', 'frame_id', 'up_axis', *LIMITS)
+STREAM_KEYS = ('topic', 'level', 'rate_hz', 'rate_tolerance', 'frame_id', 'up_axis', *FIGURES)
 #: What only recordings have that say when messages were recorded: not EuRoC's folders
 OF_CLOCKS = ('max_latency_s', 'max_drift_ppm')
-PAIR_LIMITS = ('max_skew_s', 'max_unsynchronised_ratio')
-PAIR_KEYS = ('streams', 'level', *PAIR_LIMITS)
+PAIR_FIGURES: dict[str, tuple[str, Callable[[Pair], float]]] = {
+    'max_skew_s': ('s', lambda pair: abs(pair.skew_s)),
+    'max_unsynchronised_ratio': ('', lambda pair: pair.unsynchronised / pair.frames),
+}
+PAIR_KEYS = ('streams', 'level', *PAIR_FIGURES)
 
 
-class Verdict(NamedTuple):
+class CheckedExpectation(NamedTuple):
     """
     Whether an expectation is met.
 
     :param stream: the name of the stream or pair in the file.
-    :param value: NaN where it cannot be told, which fails; None of what is no number.
+    :param value: NaN where it cannot be determined, which fails; None of what is not a number.
     :param word: pass, warn or fail.
-    :param message: what is expected, and what is there.
+    :param message: what was expected, and what was measured.
     """
 
     stream: str
@@ -70,7 +80,7 @@ class Verdict(NamedTuple):
     message: str
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the verdict for JSON."""
+        """Return it for JSON."""
         value = self.value
         known = value is not None and math.isfinite(value)
         return {**self._asdict(), 'value': value if known else None}
@@ -92,8 +102,8 @@ class Expectations:
         """
         Return the expectations in a file: under ``inspect`` of a ROS parameter file, or plain.
 
-        :raises ReadError: no such file, or not YAML.
-        :raises ConfigError: what makes no sense, with its line.
+        :raises ReadError: the file does not exist, or is not YAML.
+        :raises ConfigError: a key or value makes no sense; with its line.
         """
         content = load_yaml(path)
         if NODE in content:
@@ -103,25 +113,31 @@ class Expectations:
         content.expect('streams', 'pairs')
         streams, pairs = (_sections(content.section(name)) for name in ('streams', 'pairs'))
         if not streams:
-            raise ConfigError(f'{path}: there are no streams to expect; name them under streams')
+            raise ConfigError(f'{path}: no streams are expected; name them under streams')
         for section in streams.values():
             _check_stream(section)
         for section in pairs.values():
             _check_pair(section, streams)
         return cls(streams, pairs)
 
-    def judge(self, inspection: Inspection) -> list[Verdict]:
+    def check(self, inspection: Inspection) -> list[CheckedExpectation]:
         """Return what is met and what is not, stream by stream."""
         found = {one.stream.topic: one for one in inspection.streams}
-        verdicts: list[Verdict] = []
+        checked: list[CheckedExpectation] = []
         for name, section in self.streams.items():
             topic = section['topic']
-            fails = [f.name for f in inspection.findings if f.level == 'fail' and f.topic == topic]
-            verdicts += _judge(name, section, found.get(topic), fails)
+            failing = [
+                one.name
+                for one in inspection.findings
+                if one.level == 'fail' and one.topic == topic
+            ]
+            checked += _check_of_stream(
+                name, section, found.get(topic), failing, inspection.limits
+            )
         for name, section in self.pairs.items():
             topics = [self.streams[stream]['topic'] for stream in section['streams']]
-            verdicts += _judge_pair(name, section, topics, inspection)
-        return verdicts
+            checked += _check_of_pair(name, section, topics, inspection)
+        return checked
 
 
 def _sections(parent: Section) -> dict[str, Section]:
@@ -137,7 +153,7 @@ def _check_stream(section: Section) -> None:
         raise section.error('up_axis', f'up_axis: one of {", ".join(UP_AXES)} is expected')
     if not isinstance(section.get('frame_id', ''), str):
         raise section.error('frame_id', 'frame_id: the name of a frame is expected')
-    _check_numbers(section, ('rate_hz', 'rate_tolerance', *LIMITS))
+    _check_numbers(section, ('rate_hz', 'rate_tolerance', *FIGURES))
     if 'rate_tolerance' in section and 'rate_hz' not in section:
         raise section.error('rate_tolerance', 'rate_tolerance: goes with rate_hz')
     if section.get('rate_hz') == 0:
@@ -155,7 +171,7 @@ def _check_pair(section: Section, streams: dict[str, Section]) -> None:
                 'streams', f"there is no stream '{name}' above; there are {', '.join(streams)}"
             )
     _check_level(section)
-    _check_numbers(section, PAIR_LIMITS)
+    _check_numbers(section, tuple(PAIR_FIGURES))
 
 
 def _check_level(section: Section) -> None:
@@ -169,64 +185,72 @@ def _check_numbers(section: Section, keys: Sequence[str]) -> None:
             raise section.error(key, f'{key}: a number is expected, not negative')
 
 
-def _judge(
-    name: str, section: Section, one: Examined | None, fails: Sequence[str]
-) -> Iterator[Verdict]:
-    topic, bad = section['topic'], section.get('level', 'fail')
+def _check_of_stream(
+    name: str,
+    section: Section,
+    one: MeasuredStream | None,
+    failing: Sequence[str],
+    limits: InspectionLimits,
+) -> Iterator[CheckedExpectation]:
+    topic, level = section['topic'], section.get('level', 'fail')
 
-    def verdict(check: str, is_met: bool, message: str, value: float | None = None) -> Verdict:
-        return Verdict(name, topic, check, value, 'pass' if is_met else bad, message)
+    def checked(
+        check: str, is_met: bool, message: str, value: float | None = None
+    ) -> CheckedExpectation:
+        return CheckedExpectation(name, topic, check, value, 'pass' if is_met else level, message)
 
     if one is None:
-        yield verdict('topic', False, f'there are no messages on {topic}')
+        yield checked('topic', False, f'there are no messages on {topic}')
         return
-    shown = ', '.join(fails) or 'none'
-    yield verdict('findings', not fails, f'no finding that fails is expected, {shown} there is')
+    shown = ', '.join(failing) or 'none'
+    yield checked('findings', not failing, f'expected no failing finding, found {shown}')
     if 'rate_hz' in section:
         wanted, rate = float(section['rate_hz']), one.timing.rate_hz
-        tolerance = float(section.get('rate_tolerance', RATE_TOLERANCE))
-        yield verdict(
+        tolerance = float(section.get('rate_tolerance', limits.rate_tolerance_percent / 100))
+        yield checked(
             'rate_hz',
             abs(rate - wanted) <= tolerance * wanted,
-            f'{wanted:g} ± {100 * tolerance:g} % is expected, {rate:.6g} it is',
+            f'expected {wanted:g} Hz ± {100 * tolerance:g} %, measured {rate:.6g} Hz',
             rate,
         )
-    for key, measured in LIMITS.items():
+    for key, (unit, figure) in FIGURES.items():
         if key in section and (one.stream.logged_ns is not None or key not in OF_CLOCKS):
-            yield verdict(key, *_limited(key, float(section[key]), measured(one)))
+            yield checked(key, *_limited(key, float(section[key]), figure(one), unit))
     if 'frame_id' in section:
         frames = sorted(one.stream.frames)
-        yield verdict(
+        shown = ', '.join(f"'{frame}'" for frame in frames) or 'none'
+        yield checked(
             'frame_id',
             frames == [section['frame_id']],
-            f"'{section['frame_id']}' is expected, {frames} there is",
+            f"expected frame '{section['frame_id']}', found {shown}",
         )
     if 'up_axis' in section:
         up = one.inertial.up if one.inertial else ''
-        message = f'{section["up_axis"]} is expected, {up or "never at rest to tell"} it is'
-        yield verdict('up_axis', up == section['up_axis'], message)
+        measured = f'measured {up}' if up else 'cannot be determined: never at rest'
+        message = f'expected {section["up_axis"]}, {measured}'
+        yield checked('up_axis', up == section['up_axis'], message)
 
 
-def _judge_pair(
+def _check_of_pair(
     name: str, section: Section, topics: list[str], inspection: Inspection
-) -> Iterator[Verdict]:
-    bad = section.get('level', 'fail')
+) -> Iterator[CheckedExpectation]:
+    level = section.get('level', 'fail')
     pair = next((p for p in inspection.pairs if {p.first, p.second} == set(topics)), None)
     shown = ', '.join(topics)
     if pair is None:
-        message = 'they are no cameras with a time in common'
-        yield Verdict(name, shown, 'streams', None, bad, message)
+        message = 'not two cameras that overlap in time'
+        yield CheckedExpectation(name, shown, 'streams', None, level, message)
         return
-    values = (abs(pair.skew_s), pair.unsynchronised / pair.frames)
-    for key, value in zip(PAIR_LIMITS, values, strict=True):
+    for key, (unit, figure) in PAIR_FIGURES.items():
         if key in section:
-            is_met, message, _ = _limited(key, float(section[key]), value)
-            yield Verdict(name, shown, key, value, 'pass' if is_met else bad, message)
+            is_met, message, value = _limited(key, float(section[key]), figure(pair), unit)
+            yield CheckedExpectation(name, shown, key, value, 'pass' if is_met else level, message)
 
 
-def _limited(key: str, limit: float, value: float) -> tuple[bool, str, float]:
+def _limited(key: str, limit: float, value: float, unit: str) -> tuple[bool, str, float]:
     """Return whether a value keeps its limit, which one that does not exist never does."""
     is_met = value <= limit if key.startswith('max_') else value >= limit
     side = 'at most' if key.startswith('max_') else 'at least'
-    shown = 'unknown' if math.isnan(value) else f'{value:.4g}'
-    return is_met, f'{side} {limit:g} is expected, {shown} it is', value
+    unit = f' {unit}' if unit else ''
+    measured = 'cannot be determined' if math.isnan(value) else f'measured {value:.4g}{unit}'
+    return is_met, f'expected {side} {limit:g}{unit}, {measured}', value

@@ -1,122 +1,414 @@
-"""What can be found in a recording, and what cures it."""
+"""
+The one table of findings.
+
+An entry says all that is known of a finding but how it is measured. A detector measures, and makes
+its findings from the entry: ``FINDINGS['gap'].found(stream, count=2, ...)``. What ``--fail-on``
+accepts, the order in which findings are listed and the tables in docs/inspect.md derive from here.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-import math
-from typing import Any
+from collections.abc import Iterable
+from functools import partial
 
-from vio_eval_ros.core.sensor_stream import Moment
+from vio_eval_ros.inspection.company import clock_of_one, held_up_alone, replay_of_all
+from vio_eval_ros.inspection.finding import Finding, FindingKind, LEVELS
 
-LEVELS = ('info', 'warn', 'fail')
+CLOCK_DRIFT = FindingKind(
+    'clock_drift', 'streams', 'warn',
+    when='two clocks drift apart evenly by more than {drift_ppm:g} ppm, and by {drift_s:g} s in '
+    'all ({camera_drift_s:g} s between two cameras)',
+    evidence={
+        'recorder': 'the clock of the recorder gains {value:.1f} ± {interval:.1g} ppm on that of '
+        'the stamps, {total_ms:.3g} ms over the recording',
+        'cameras': 'the clock of {second} gains {value:.1f} ppm on that of {first}, '
+        '{total_ms:.3g} ms over the recording',
+    },
+    cure='synchronise the clocks (PTP), or correct the stamps by the drift',
+    unit='ppm',
+)  # fmt: skip
 
-#: Every name that a finding can have, and what to do about it.
-CURES = {
-    # when the messages come
-    'silent': 'see whether the driver runs; nothing came on a topic that was recorded',
-    'gap': 'find what stopped: a full buffer, a busy disk, a loose cable',
-    'dropped': 'raise the bandwidth or the queues of driver and recorder, or lower the rate',
-    'duplicate_stamps': 'look for two publishers of the topic, or a driver that stamps twice',
-    'out_of_order': 'sort by stamp before use; look for threads that publish in parallel',
-    'wrong_stamp': 'look into the driver; drop those messages, or stamp them as those around',
-    'jitter': 'stamp where the sensor measures (trigger, hardware clock), not where it arrives',
-    'unstamped': 'have the driver fill header.stamp',
-    'late_start': 'wait for all sensors before recording; begin evaluation where all are there',
-    'early_end': 'look into the log of the driver; end the evaluation where all are there',
-    'no_common_span': 'put all sensors on one clock',
-    'left_out': 'convert or rename what cannot be read',
-    # clocks
-    'clock_drift': 'synchronise the clocks (PTP), or correct the stamps by the drift',
-    'clock_step': 'do not set clocks while recording: let NTP or PTP slew them',
-    'clock_offset': 'synchronise the clocks; compare stamps with stamps only',
-    'late_arrival': 'find what held them up (disk, processor, bus): live, they come as late',
-    'replayed': 'nothing, where it was recorded from a simulation or a replay',
-    # several streams
-    'unsynchronised': 'trigger the cameras together; drop frames that have no partner',
-    'camera_skew': 'trigger the cameras together, or tell the estimator the offset',
-    'imu_rate': 'raise the rate of the IMU to ten times that of the cameras',
-    # inertial
-    'saturation': 'choose a larger range of the IMU, or move less',
-    'stuck': 'look into the driver: it repeats samples where new ones are missing',
-    'spike': 'look into the driver, its bus and its cable; leave such samples out',
-    'not_finite': 'look into the driver',
-    'units': 'convert to rad/s and m/s2, as sensor_msgs/Imu wants it',
-    'bias_step': 'restart the estimator there; look into the supply and the heat of the IMU',
-    'gravity': 'calibrate the scale of the accelerometer, or correct its unit',
-    'low_excitation': 'begin with rotation about two axes and with accelerations',
-    'no_still_time': 'stand still for a second, for estimators that initialise at rest',
-    # poses
-    'frozen': 'do not score while tracking is lost; have the source stop publishing then',
-    'jump': 'look for lost tracking or a loop closure at that moment',
-    'implausible_motion': 'check units, and markers that are confused',
-    'quaternion_norm': 'normalise the quaternions at their source',
-    # frames
-    'frame_ids': 'look for two publishers of the topic',
-    # calibration
-    'not_a_rotation': 'give all digits, no scale, no reflection, and 0 0 0 1 as the last row',
-    'direction': 'invert the transformation, or name it for what it maps',
-    'lever_arm': 'give translations in metres',
-    'baseline': 'give translations in metres',
-    'camera_order': 'exchange the cameras where the estimator wants the left one first',
-    'chain_mismatch': 'calibrate again, or find out which file is out of date',
-    'timeshift': 'correct the stamps by the offset that was calibrated',
-    'imu_noise': 'give densities in continuous time and SI units, as imu_noise prints them',
+_TIMES = (
+    FindingKind(
+        'silent', 'streams', 'fail', in_poses='warn',
+        when='a topic was recorded, but has no messages',
+        evidence='the topic was recorded, but has no messages',
+        cure='see whether the driver runs; nothing came on a topic that was recorded',
+    ),
+    FindingKind(
+        'gap', 'streams', 'fail', in_poses='warn',
+        when='no stamp for {gap_periods:g} T and for {gap_s:g} s',
+        evidence='silent {times}, for up to {value:.3g} s; {lost} missing',
+        cure='find what stopped: a full buffer, a busy disk, a loose cable',
+        unit='s',
+    ),
+    FindingKind(
+        'dropped', 'streams', 'warn',
+        when='an interval is longer than 1.5 T and than jitter explains, but not a gap',
+        minor='poses that do not come regularly',
+        evidence='{lost} missing, up to {row:.0f} in a row; one is due every {period_ms:.4g} ms',
+        cure='raise the bandwidth or the queues of driver and recorder, or lower the rate',
+        unit='s',
+    ),
+    FindingKind(
+        'duplicate_stamps', 'streams', 'warn',
+        when='a stamp comes twice, or again within 0.001 T',
+        severe='more than half of a sensor',
+        evidence='{count} of {total} messages have the stamp of an earlier one{nearly}',
+        cure='look for two publishers of the topic, or a driver that stamps twice',
+        unit='ratio',
+    ),
+    FindingKind(
+        'out_of_order', 'streams', 'fail', in_poses='warn',
+        when='a stamp is earlier than that of the message before it in the file',
+        evidence='{messages} stamped earlier than the one before, by up to {ms:.3g} ms',
+        cure='sort by stamp before use; look for threads that publish in parallel',
+        unit='s',
+    ),
+    FindingKind(
+        'wrong_stamp', 'streams', 'warn',
+        when='a few stamps leave the sequence and return to it, with no message missing',
+        severe='a sensor, off by more than T',
+        evidence='{messages} stamped wrong, by up to {value:.3g} s, between others that are '
+        'not; none is missing there',
+        cure='look into the driver; drop those messages, or stamp them as those around',
+        unit='s',
+    ),
+    FindingKind(
+        'jitter', 'streams', 'warn',
+        when='periods deviate from T by {jitter_percent:g} % (99th percentile; {jitter_min_s:g} '
+        'to {jitter_max_s:g} s), or one does by {single_jitter_s:g} s',
+        minor='poses that do not come regularly',
+        evidence='periods deviate from {period_ms:.4g} ms by {median_ms:.3g} ms (median), '
+        '{p99_ms:.3g} ms (99th percentile) and {max_ms:.3g} ms (maximum){on_arrival}',
+        cure='stamp where the sensor measures (trigger, hardware clock), not where it arrives',
+        unit='s',
+    ),
+    FindingKind(
+        'unstamped', 'streams', 'warn',
+        when='a stamp is zero, and not the beginning of simulated time',
+        severe='a sensor without any stamp',
+        evidence='{count} of {total} messages have no stamp, or zero',
+        cure='have the driver fill header.stamp',
+    ),
+    FindingKind(
+        'late_start', 'streams', 'warn', in_poses='info',
+        when='a stream begins {late_s:g} s, and {late_periods:g} T, after the first sensor',
+        evidence='begins {value:.3g} s after the first {of}',
+        cure='wait for all sensors before recording; begin evaluation where all are there',
+        unit='s',
+    ),
+    FindingKind(
+        'early_end', 'streams', 'warn', in_poses='info',
+        when='a stream ends {late_s:g} s, and {late_periods:g} T, before the last sensor',
+        evidence='ends {value:.3g} s before the last {of}',
+        cure='look into the log of the driver; end the evaluation where all are there',
+        unit='s',
+    ),
+    FindingKind(
+        'no_common_span', 'sensors', 'fail',
+        when='the stamps of the sensors do not overlap in time',
+        evidence='the stamps of the sensors do not overlap in time: {spans}',
+        cure='put all sensors on one clock',
+    ),
+    FindingKind(
+        'left_out', 'streams', 'info',
+        when='a topic cannot be read: its serialisation, two types, a type without definition',
+        evidence='{sentence}',
+        cure='convert or rename what cannot be read',
+    ),
+)  # fmt: skip
+
+_CLOCKS = (
+    CLOCK_DRIFT,
+    FindingKind(
+        'clock_step', 'streams', 'warn',
+        when='the difference of the clocks steps by {clock_step_s:g} s and stays there',
+        minor='poses, the clock of the recorder, or a step that other streams have as well',
+        evidence='a clock steps by {ms:.3g} ms, most likely {whose}',
+        cure='do not set clocks while recording: let NTP or PTP slew them',
+        unit='s',
+        amended=clock_of_one,
+    ),
+    FindingKind(
+        'clock_offset', 'streams', 'warn',
+        when='a sensor is stamped {clock_offset_s:g} s off the others',
+        minor='stamps that are {latency_max_s:g} s older than the recording, or in its future',
+        evidence={
+            'sensors': 'stamped {apart:.4g} s {side} than {usual}, by the clock of the recorder',
+            'recorder': 'stamped {apart:.4g} s {side} it was recorded, at least: the two clocks '
+            'differ',
+        },
+        cure='synchronise the clocks; compare stamps with stamps only',
+        unit='s',
+    ),
+    FindingKind(
+        'late_arrival', 'streams', 'warn', in_poses='info',
+        when='messages are recorded {late_arrival_s:g} s, 10 T and 10 spreads later than usual, '
+        'between others that are not',
+        minor='nothing else recorded meanwhile: the recorder stalled',
+        evidence='{messages} recorded late, by up to {value:.3g} s',
+        cure='find what held them up (disk, processor, bus): live, they come as late',
+        unit='s',
+        amended=held_up_alone,
+    ),
+    FindingKind(
+        'replayed', 'streams', 'info',
+        when='all streams drift by more than {replayed_ppm:g} ppm',
+        evidence={
+            'pace': 'the stamps run at {pace:.4g} times the speed of the clock of the recorder, '
+            'as in a simulation or a replay',
+            'still': 'the clock of the recorder does not advance with the stamps',
+        },
+        cure='nothing, where it was recorded from a simulation or a replay',
+        unit='ppm',
+        amended=partial(replay_of_all, CLOCK_DRIFT),
+    ),
+)  # fmt: skip
+
+_CAMERAS = (
+    FindingKind(
+        'unsynchronised', 'cameras', 'warn',
+        when='frames of two cameras have no partner within {partner_s:g} s, or rates differ',
+        evidence={
+            'some': 'frames without a partner: {counts}',
+            'rates': '{count} of {frames} frames have no partner: the rates are {rates} Hz',
+            'free': '{count} of {frames} frames have no partner: the cameras run freely{drift}',
+        },
+        cure='trigger the cameras together; drop frames that have no partner',
+        unit='ratio',
+    ),
+    FindingKind(
+        'camera_skew', 'cameras', 'warn',
+        when='the median difference of their stamps is above {camera_skew_s:g} s',
+        evidence='{second} is stamped {ms:.3g} ms {side} than {first}, ± {spread_ms:.2g} ms',
+        cure='trigger the cameras together, or tell the estimator the offset',
+        unit='s',
+    ),
+    FindingKind(
+        'imu_rate', 'IMU', 'warn',
+        when='fewer than {imu_samples_per_frame:g} samples of the IMU per image',
+        evidence='{rate_hz:.4g} Hz are only {value:.3g} times the rate of {camera}; most '
+        'estimators need a factor of {least:.0f} or more',
+        cure='raise the rate of the IMU to ten times that of the cameras',
+        unit='ratio',
+    ),
+)  # fmt: skip
+
+_INERTIAL = (
+    FindingKind(
+        'saturation', 'IMU', 'fail',
+        when='an axis stays at its extreme {saturation_samples} times, {saturation_run_samples} '
+        'in a row, and more often than just below it',
+        evidence='{samples} cut off at a limit: {axes}',
+        cure='choose a larger range of the IMU, or move less',
+    ),
+    FindingKind(
+        'stuck', 'IMU', 'warn',
+        when='samples repeat the one before in more than {resent_percent:g} % of the recording',
+        severe='{stuck_samples} in a row in all axes, {stuck_sensor_samples} in one sensor or '
+        '{stuck_axis_samples} in one axis while the others move, or a sensor that is always zero',
+        evidence={
+            'repeated': '{count} samples repeat the one before in {axes}, up to {value} in a row',
+            'zero': 'the {sensor} is zero throughout; where there is none, its covariance begins '
+            'with -1',
+            'resent': '{count} of {total} samples equal the one before: a slower sensor, sent '
+            'again',
+        },
+        cure='look into the driver: it repeats samples where new ones are missing',
+        unit='samples',
+    ),
+    FindingKind(
+        'spike', 'IMU', 'warn',
+        when='up to three samples leave their surroundings by {spike_rate_rad_s:g} rad/s or '
+        '{spike_acceleration_m_s2:g} m/s², and by ten times their range',
+        severe='one that integrates to {spike_angle_rad:g} rad or {spike_speed_m_s:g} m/s',
+        evidence='{samples} unlike those before and after: {axes}',
+        cure='look into the driver, its bus and its cable; leave such samples out',
+    ),
+    FindingKind(
+        'not_finite', 'IMU and poses', 'fail', in_poses='warn',
+        when='NaN, infinite, or above 1e12',
+        evidence='{samples} not finite',
+        cure='look into the driver',
+    ),
+    FindingKind(
+        'units', 'IMU', 'fail',
+        when='the median acceleration is near 1 or 1000, or near 0 with rates near '
+        '{gravity_m_s2:.3g}, the median rate is above {degrees_rate_rad_s:g}, or gravity rotates '
+        'as for rates in degrees',
+        evidence={
+            'acceleration': 'accelerations are about {value:.3g}: in {units}, not in m/s2',
+            'exchanged': 'it rotates at {rate:.3g} rad/s and feels {value:.3g} m/s2: are '
+            'gyroscope and accelerometer exchanged?',
+            'rate': 'half of the time it rotates at {value:.3g} rad/s or more: in degrees?',
+            'gravity': 'gravity rotates {factor:.0f} times slower than the gyroscope says, '
+            '{value:.3g} rad/s in the median: in degrees?',
+        },
+        cure='convert to rad/s and m/s2, as sensor_msgs/Imu wants it',
+    ),
+    FindingKind(
+        'bias_step', 'IMU', 'warn',
+        when='the mean rate that gravity does not show steps by {bias_step_rad_s:g} rad/s, and '
+        'tilts by {bias_step_tilt_rad:g} rad in all',
+        evidence='the bias of the gyroscope steps by {value:.2g} rad/s: from there on gravity '
+        'rotates otherwise than it says',
+        cure='restart the estimator there; look into the supply and the heat of the IMU',
+        unit='rad/s',
+    ),
+    FindingKind(
+        'gravity', 'IMU', 'warn',
+        when='at rest, the specific force is {gravity_tolerance_m_s2:g} m/s² off '
+        '{gravity_m_s2:.4g}',
+        evidence='while still, it feels {value:.4g} m/s2, not {gravity:.4g}',
+        cure='calibrate the scale of the accelerometer, or correct its unit',
+        unit='m/s2',
+    ),
+    FindingKind(
+        'low_excitation', 'IMU', 'info',
+        when='less than {excitation_rate_rad_s:g} rad/s (rms) about a second axis, or less than '
+        '{excitation_acceleration_m_s2:g} m/s² of acceleration',
+        evidence='it rotates at {first:.2g} rad/s (rms) about one axis and {value:.2g} about a '
+        'second (at least {least_rate} needed), and accelerates by {acceleration:.2g} m/s2 '
+        '(at least {least_acceleration} needed)',
+        cure='begin with rotation about two axes and with accelerations',
+        unit='rad/s',
+    ),
+    FindingKind(
+        'no_still_time', 'IMU', 'info',
+        when='less than {still_s:g} s at rest at the beginning, which some estimators need',
+        evidence='it begins with {value:.2g} s at rest ({least:g} s needed), and stands still for '
+        '{in_all:.3g} s in all',
+        cure='stand still for a second, for estimators that initialise at rest',
+        unit='s',
+    ),
+)  # fmt: skip
+
+_POSES = (
+    FindingKind(
+        'frozen', 'poses', 'warn',
+        when='{frozen_poses} poses in a row are equal to the last bit, and then leap or end',
+        minor='poses that start slowly after it, as from rest',
+        evidence='{count} poses repeat the one before to the last bit, for up to {value:.3g} s, '
+        '{then}',
+        cure='do not score while tracking is lost; have the source stop publishing then',
+        unit='s',
+    ),
+    FindingKind(
+        'jump', 'poses', 'warn',
+        when='a step is {jump_m:g} m or {jump_rad:g} rad, and ten spreads, beyond the motion '
+        'around it',
+        evidence='{steps} far faster than the motion around, the largest of {value:.3g} {unit}',
+        cure='look for lost tracking or a loop closure at that moment',
+    ),
+    FindingKind(
+        'implausible_motion', 'poses', 'warn',
+        when='1 % of the poses are faster than {max_speed_m_s:g} m/s or '
+        '{max_rotation_rad_s:g} rad/s',
+        evidence='1 % of the poses move at more than {value:.3g} {unit}',
+        cure='check units, and markers that are confused',
+    ),
+    FindingKind(
+        'quaternion_norm', 'poses', 'warn',
+        when='the length of a quaternion deviates from 1 by {quaternion_norm_tolerance:g}',
+        evidence='{quaternions} not of length 1, by up to {value:.3g}',
+        cure='normalise the quaternions at their source',
+    ),
+    FindingKind(
+        'frame_ids', 'streams', 'warn',
+        when='messages name more than one frame',
+        evidence='messages name different frames: {names}',
+        cure='look for two publishers of the topic',
+    ),
+)  # fmt: skip
+
+_CALIBRATION = (
+    FindingKind(
+        'not_a_rotation', 'calibration', 'fail',
+        when='RᵀR deviates from the identity by {rotation_tolerance:g}, R is a reflection, or the '
+        'last row is not 0 0 0 1',
+        evidence='the rotation of {key} deviates from orthonormal by {value:.2g} and has '
+        'determinant {determinant:.4g}; its last row is {row}',
+        cure='give all digits, no scale, no reflection, and 0 0 0 1 as the last row',
+    ),
+    FindingKind(
+        'direction', 'calibration', 'warn',
+        when='what does not fit would, if a transformation were inverted or its rotation '
+        'transposed: the chain, cameras side by side, or a camera within {upright_deg:g} degrees '
+        'of upright',
+        minor='a camera that may be mounted upside down',
+        evidence={
+            'chain': '{apart}, but would not if {ways}',
+            'beside': '{second} is not beside {first}, but would be if {ways}',
+            'upright': 'at rest {axis} of {camera} points up; it would stand upright if its '
+            'rotation in {key} were transposed, or all of it inverted',
+        },
+        cure='invert the transformation, or name it for what it maps',
+    ),
+    FindingKind(
+        'lever_arm', 'calibration', 'warn',
+        when='a translation is longer than {lever_arm_m:g} m: millimetres?',
+        severe='ten times as long',
+        evidence='translations are longer than {limit:g} m ({arms}): in millimetres?',
+        cure='give translations in metres',
+        unit='m',
+    ),
+    FindingKind(
+        'baseline', 'calibration', 'warn',
+        when='two cameras are closer than {baseline_min_m:g} m or further apart than '
+        '{baseline_max_m:g} m',
+        evidence='its baseline to {first} is {value:.4g} m',
+        cure='give translations in metres',
+        unit='m',
+    ),
+    FindingKind(
+        'camera_order', 'calibration', 'warn',
+        when='the first of two cameras that look the same way is the right one',
+        evidence='{first} is the right camera, {second} the left{unless}',
+        cure='exchange the cameras where the estimator wants the left one first',
+        unit='m',
+    ),
+    FindingKind(
+        'chain_mismatch', 'calibration', 'warn',
+        when='`T_cn_cnm1` and `T_cam_imu`, or two files, differ by {mismatch_m:g} m or '
+        '{mismatch_deg:g} degrees, and no `direction` explains it',
+        evidence='{apart}',
+        cure='calibrate again, or find out which file is out of date',
+        unit='m',
+    ),
+    FindingKind(
+        'timeshift', 'calibration', 'warn',
+        when='`timeshift_cam_imu` is above {timeshift_s:g} s',
+        evidence='{value:.3g} s between camera and IMU',
+        cure='correct the stamps by the offset that was calibrated',
+        unit='s',
+    ),
+    FindingKind(
+        'imu_noise', 'calibration', 'warn',
+        when='a density is missing, unlike that of any IMU, or smaller than its random walk; or '
+        'the rate is {imu_rate_tolerance_percent:g} % off that of the recording',
+        severe='one that is not positive',
+        evidence={
+            'range': '{key} is {value:g} {unit}; IMUs have {least:g} to {most:g}',
+            'lacking': '{keys} missing',
+            'exchanged': '{walk} {large:g} is larger than {density} {small:g}: exchanged?',
+            'rate': '{key} is {value:g} Hz; the IMU of the recording has {recorded} Hz',
+        },
+        cure='give densities in continuous time and SI units, as imu_noise prints them',
+    ),
+)  # fmt: skip
+
+#: Every finding that there is, by name, in the order in which they are listed.
+FINDINGS: dict[str, FindingKind] = {
+    kind.name: kind
+    for kinds in (_TIMES, _CLOCKS, _CAMERAS, _INERTIAL, _POSES, _CALIBRATION)
+    for kind in kinds
 }
 
-#: Those that are good to know and never worse.
-ALWAYS_INFO = ('left_out', 'replayed', 'low_excitation', 'no_still_time')
 
-
-@dataclass(frozen=True)
-class Finding:
-    """
-    Something that was found in a stream.
-
-    :param name: a key of :data:`CURES`.
-    :param topic: or what else it was found in.
-    :param level: ``fail`` where an estimator will go wrong, ``warn`` where it will be worse,
-        ``info`` for what one should know.
-    :param message: a sentence, with its numbers.
-    :param count: how often.
-    :param value: the figure that stands for it, in ``unit``; NaN where there is none.
-    :param moments: when; of many only the first ones.
-    """
-
-    name: str
-    topic: str
-    level: str
-    message: str
-    count: int = 1
-    value: float = math.nan
-    unit: str = ''
-    moments: tuple[Moment, ...] = ()
-
-    @property
-    def advice(self) -> str:
-        """What to do about it, a sentence."""
-        cure = CURES[self.name]
-        return f'{cure[0].upper()}{cure[1:]}.'
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the finding for JSON."""
-        return {
-            **{key: value for key, value in vars(self).items() if key != 'moments'},
-            'value': self.value if math.isfinite(self.value) else None,
-            'advice': self.advice,
-            'at': [
-                {'begin_ns': moment.begin_ns, 'end_ns': moment.end_ns} for moment in self.moments
-            ],
-        }
-
-
-def are(count: int, noun: str) -> str:
-    """Return the beginning of a sentence: 1 sample is, 2 samples are."""
-    return f'{count} {noun} is' if count == 1 else f'{count} {noun}s are'
-
-
-def worst_first(findings: list[Finding]) -> list[Finding]:
-    """Return findings by level, and within it in the order of the table of names."""
-    names = list(CURES)
+def worst_first(findings: Iterable[Finding]) -> list[Finding]:
+    """Return findings by level, and within it in the order of the table."""
+    names = list(FINDINGS)
     return sorted(
         findings, key=lambda one: (-LEVELS.index(one.level), names.index(one.name), one.topic)
     )

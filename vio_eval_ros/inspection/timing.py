@@ -3,293 +3,305 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import replace
 import math
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
 from vio_eval_ros.core.sensor_stream import lower_median, Moment, SensorStream, spread
-from vio_eval_ros.inspection.findings import are, Finding
+from vio_eval_ros.inspection.finding import are, Finding
+from vio_eval_ros.inspection.findings import FINDINGS
+from vio_eval_ros.inspection.limits import InspectionLimits
+from vio_eval_ros.inspection.measured_stream import Timing
 
-# An interval that is longer than a period by this much of it misses a message ...
-MISSING = 0.5
-# ... unless the periods of the stream spread so much that one in a million is longer. Jitter alone
-# makes periods shorter as often as longer, by no more than a period
-SPREADS, SHORTER, SHORTEST = 6.0, 1.2, 0.8
-# A gap, and no longer a few dropped messages
-GAP_PERIODS, GAP_S = 10.0, 0.1
-# Of the 99th percentile of the deviations from the period: a part of it, within limits, and the
-# resolution of the stamps, which nobody has coarser than milliseconds without knowing
-JITTER_OF_PERIOD, JITTER_S, JITTER_OF_SHORT_PERIOD = 0.03, (0.0005, 0.0015), 0.2
-COARSEST_S = 0.001
-# A single interval that is off by more is told in any case
-OFF_BY, OFF_BY_S = 0.4, 0.002
-# Streams are regular where nearly all periods are alike. They have a period where half are, and
-# come in bursts where by that period most messages are missing, all over the recording
-ALIKE, NEARLY_ALL, HALF, ALL_OVER = 0.25, 0.9, 0.5, 0.1
+# An interval that is longer than a period by this part of it misses a message ...
+MISSING_PERIODS = 0.5
+# ... unless the periods spread so much that one in a million is longer than the period by so many
+# spreads. Jitter alone makes periods shorter as often as longer: the longest exceeds the period by
+# at most so many times what the shortest lacks, unless that is nearly zero itself
+JITTER_SPREADS, LONGER_THAN_SHORTER, SHORTEST_LACKS_PERIODS = 6.0, 1.2, 0.8
+# Of short periods, at most this part may be jitter, and that part the deviation of one interval
+SHORT_PERIOD_JITTER, SHORT_PERIOD_SINGLE = 0.2, 0.4
+# Stamps in whole milliseconds are common; nobody has coarser ones without knowing
+COARSEST_RESOLUTION_S = 0.001
+# Periods are alike within this part. A stream is regular where so many of its periods are like the
+# median, and has a period at all where so many are
+SAME_PERIOD, REGULAR_SHARE, PERIODIC_SHARE = 0.25, 0.9, 0.5
+# It comes in bursts where by the median more messages are missing than there are, and at least
+# this part of the intervals is too long: all over the recording
+BURST_SHARE = 0.1
 # A message comes twice where it is nearer to the one before than this part of the period, between
 # others that are a period apart
-NEAR = 0.001
+REPEATED_PERIODS = 0.001
+# Stamps that vary just as the times of recording do were made on arrival
+ARRIVAL_CORRELATION, ARRIVAL_INTERVALS = 0.9, 10
 
 
-@dataclass(frozen=True, eq=False)
-class Timing:
+class Intervals(NamedTuple):
     """
-    Figures of the distinct times of a stream, sorted; NaN where there are too few.
+    The intervals between the distinct times of a stream.
 
-    :param rate_hz: by the regression of the times on the number of the message, which counts
-        those that are missing, and ``rate_uncertainty_hz``, its standard deviation.
-    :param period_s: the median, one of the periods, where half of them are like it; of others
-        the mean. ``jitter_*_s`` are of the absolute deviations from it, of intervals in which no
-        message is missing.
-    :param missing: messages that are missing in all of the intervals that are too long.
-    :param gaps: how many of these are long.
-    :param duplicates: messages with the stamp of another one, or nearly so.
-    :param backward: how often a message is earlier than the one before.
-    :param times_s: (M,) of what is drawn, seconds since the first, the ends of ``periods_s``.
+    :param order: (M,) indices of the messages at these times, sorted.
+    :param periods_s: (M - 1,) how long they last.
+    :param period_s: the usual one.
+    :param is_whole: (M - 1,) whether no message is missing in them, ``is_gap`` where many are.
+    :param numbers: (M - 1,) how many periods they stand for.
     """
 
-    count: int
-    first_ns: int
-    last_ns: int
-    rate_hz: float = math.nan
-    rate_uncertainty_hz: float = math.nan
-    period_s: float = math.nan
-    jitter_median_s: float = math.nan
-    jitter_p99_s: float = math.nan
-    jitter_max_s: float = math.nan
-    is_regular: bool = False
-    missing: int = 0
-    gaps: int = 0
-    longest_s: float = math.nan
-    duplicates: int = 0
-    backward: int = 0
-    times_s: np.ndarray = field(default_factory=lambda: np.empty(0), repr=False)
-    periods_s: np.ndarray = field(default_factory=lambda: np.empty(0), repr=False)
-
-    @property
-    def duration_s(self) -> float:
-        """From the first to the last message."""
-        return (self.last_ns - self.first_ns) / 1e9
+    order: np.ndarray
+    periods_s: np.ndarray
+    period_s: float
+    is_whole: np.ndarray
+    is_gap: np.ndarray
+    numbers: np.ndarray
 
 
-def timing(stream: SensorStream, step: Moment | None = None) -> tuple[Timing, list[Finding]]:
+def timing(
+    stream: SensorStream, limits: InspectionLimits, step: Moment | None = None
+) -> tuple[Timing, list[Finding]]:
     """
     Return the figures of a stream, and what is wrong with its stamps.
 
     :param step: between which stamps their clock was set while messages went on.
     """
-    times = stream.times_ns
-    order = np.argsort(times, kind='stable')
-    steps_ns = np.diff(times[order])
+    order, repeated = _distinct(stream)
+    distinct = stream.times_ns[order]
+    backward = np.flatnonzero(np.diff(stream.times_ns) < 0) + 1
+    figures = Timing(
+        count=len(stream),
+        first_ns=int(distinct[0]),
+        last_ns=int(distinct[-1]),
+        duplicates=len(stream) - len(distinct),
+        backward=len(backward),
+    )
+    # when messages are recorded depends on much that is nobody's fault
+    found = [] if stream.stamps_ns is None else list(_order(stream, backward, repeated))
+    if len(distinct) < 3:
+        return figures, found
+    between = _intervals(stream, order, limits, step)
+    figures = _figures(figures, between, distinct)
+    if stream.stamps_ns is not None:
+        found += [
+            *_dropped(stream, figures, between),
+            *_gap(stream, between),
+            *_jitter(stream, figures, between, limits),
+        ]
+    return figures, found
+
+
+def _distinct(stream: SensorStream) -> tuple[np.ndarray, np.ndarray]:
+    """Return the order of distinct times, and (2, D) which messages have the time of another."""
+    order = np.argsort(stream.times_ns, kind='stable')
+    steps_ns = np.diff(stream.times_ns[order])
     # of transforms, those of several frames come together
     is_again = np.append(False, steps_ns <= 0 if stream.kind == 'other' else _twice(steps_ns))
     repeated = np.stack([order[np.flatnonzero(is_again) - 1], order[is_again]])
-    order = order[~is_again]
-    distinct = times[order]
-    backward = np.flatnonzero(np.diff(times) < 0) + 1
-    known: dict[str, Any] = {
-        'count': len(times),
-        'first_ns': int(distinct[0]),
-        'last_ns': int(distinct[-1]),
-        'duplicates': len(times) - len(distinct),
-        'backward': len(backward),
-    }
-    if len(distinct) < 3:
-        figures = Timing(**known)
-        return figures, list(_order(stream, figures, backward, repeated))
+    return order[~is_again], repeated
+
+
+def _twice(steps: np.ndarray) -> np.ndarray:
+    """Return which intervals, in nanoseconds, are not any: a message comes a second time."""
+    is_zero = steps <= 0
+    if is_zero.all():
+        return is_zero
+    period = lower_median(steps[steps > REPEATED_PERIODS * steps.mean()])
+    is_alike = np.abs(steps - period) < SAME_PERIOD * period
+    is_near = steps <= REPEATED_PERIODS * period
+    if np.mean(is_alike[~is_near]) < PERIODIC_SHARE:
+        return is_zero
+    return is_zero | is_near & np.append(True, is_alike[:-1]) & np.append(is_alike[1:], True)
+
+
+def _intervals(
+    stream: SensorStream, order: np.ndarray, limits: InspectionLimits, step: Moment | None
+) -> Intervals:
+    """Return what lies between the distinct times of a stream."""
+    distinct = stream.times_ns[order]
     periods = np.diff(distinct) / 1e9
     period, has_one = _period(periods)
     if step is not None:  # this is how long it was
         periods[np.searchsorted(distinct, step.end_ns) - 1] = period
-    alike = float(np.mean(np.abs(periods - period) < ALIKE * period))
-    is_regular = alike >= NEARLY_ALL
-    is_long = periods >= max(GAP_PERIODS * period, GAP_S)
-    whole = periods <= longest(periods, period) if has_one else ~is_long
+    is_long = periods >= max(limits.gap_periods * period, limits.gap_s)
+    is_whole = periods <= longest(periods, period) if has_one else ~is_long
     # what comes by keyframe, by event or when it was recorded has no messages to be missing
-    whole |= not (stream.is_sensor or is_regular) or stream.stamps_ns is None
-    numbers = np.where(whole, 1, np.maximum(2, np.rint(periods / period)))
-    deviations = np.abs(periods[whole] - period)
-    rate, uncertainty = _rate(periods, numbers)
-    is_gap = ~whole & is_long
-    median, p99 = np.quantile(deviations, [0.5, 0.99])
-    figures = Timing(
-        **known,
-        rate_hz=rate,
-        rate_uncertainty_hz=uncertainty,
-        period_s=period,
-        jitter_median_s=float(median),
-        jitter_p99_s=float(p99),
-        jitter_max_s=float(deviations.max()),
-        is_regular=is_regular,
-        missing=int(np.sum(numbers - 1)),
-        gaps=int(is_gap.sum()),
-        longest_s=float(periods.max()),
-        times_s=(distinct[1:] - distinct[0]) / 1e9,
-        periods_s=periods,
-    )
-    if stream.stamps_ns is None:
-        return figures, []  # when messages are recorded depends on much that is nobody's fault
-    found = [
-        *_order(stream, figures, backward, repeated),
-        *_lost(stream, figures, order, ~whole & ~is_gap, 'dropped', numbers),
-        *_lost(stream, figures, order, is_gap, 'gap', numbers),
-        *_jitter(stream, figures, order, whole),
-    ]
-    return figures, found
+    is_due = stream.is_sensor or _is_regular(periods, period)
+    is_whole |= not is_due or stream.stamps_ns is None
+    numbers = np.where(is_whole, 1, np.maximum(2, np.rint(periods / period)))
+    return Intervals(order, periods, period, is_whole, ~is_whole & is_long, numbers)
 
 
 def _period(periods: np.ndarray) -> tuple[float, bool]:
     """Return the period, and whether there is one: messages in bursts have but a mean."""
     period = lower_median(periods)
-    is_alike = np.abs(periods - period) < ALIKE * period
-    is_longer = periods > (1 + MISSING) * period
+    is_alike = np.abs(periods - period) < SAME_PERIOD * period
+    is_longer = periods > (1 + MISSING_PERIODS) * period
     missing = float(np.sum(periods[is_longer] / period - 1))
-    in_bursts = missing > len(periods) and is_longer.mean() > ALL_OVER
-    if is_alike.mean() < HALF or in_bursts:
+    in_bursts = missing > len(periods) and is_longer.mean() > BURST_SHARE
+    if is_alike.mean() < PERIODIC_SHARE or in_bursts:
         return float(periods.mean()), False
     return period, True
 
 
-def _twice(steps: np.ndarray) -> np.ndarray:
-    """Return which intervals, in nanoseconds, are none: a message comes a second time."""
-    is_none = steps <= 0
-    if is_none.all():
-        return is_none
-    period = lower_median(steps[steps > NEAR * steps.mean()])
-    is_alike = np.abs(steps - period) < ALIKE * period
-    is_near = steps <= NEAR * period
-    if np.mean(is_alike[~is_near]) < HALF:
-        return is_none
-    return is_none | is_near & np.append(True, is_alike[:-1]) & np.append(is_alike[1:], True)
+def _is_regular(periods: np.ndarray, period: float) -> bool:
+    return float(np.mean(np.abs(periods - period) < SAME_PERIOD * period)) >= REGULAR_SHARE
 
 
 def longest(periods: np.ndarray, period: float) -> float:
     """Return how long an interval can be in which no message is missing."""
-    slack = SPREADS * spread(periods)
-    shorter = period - float(periods.min())
-    if shorter < SHORTEST * period:
-        slack = min(slack, SHORTER * shorter)
-    return period + max(MISSING * period, slack)
+    slack = JITTER_SPREADS * spread(periods)
+    lacks = period - float(periods.min())
+    if lacks < SHORTEST_LACKS_PERIODS * period:
+        slack = min(slack, LONGER_THAN_SHORTER * lacks)
+    return period + max(MISSING_PERIODS * period, slack)
+
+
+def _figures(known: Timing, between: Intervals, distinct: np.ndarray) -> Timing:
+    """Return the figures of a stream with those of its intervals."""
+    rate, uncertainty = _rate(between.periods_s, between.numbers)
+    deviations = np.abs(between.periods_s[between.is_whole] - between.period_s)
+    median, p99 = np.quantile(deviations, [0.5, 0.99])
+    return replace(
+        known,
+        rate_hz=rate,
+        rate_uncertainty_hz=uncertainty,
+        period_s=between.period_s,
+        jitter_median_s=float(median),
+        jitter_p99_s=float(p99),
+        jitter_max_s=float(deviations.max()),
+        is_regular=_is_regular(between.periods_s, between.period_s),
+        missing=int(np.sum(between.numbers - 1)),
+        gaps=int(between.is_gap.sum()),
+        longest_s=float(between.periods_s.max()),
+        times_s=(distinct[1:] - distinct[0]) / 1e9,
+        periods_s=between.periods_s,
+    )
 
 
 def _rate(periods: np.ndarray, numbers: np.ndarray) -> tuple[float, float]:
-    """Return the rate [Hz] and its standard deviation, by least squares on the own clock."""
+    """Return the rate [Hz] and its standard deviation: least squares of times on numbers."""
     index = np.concatenate([[0.0], np.cumsum(numbers)])
     index -= index.mean()
     seconds = np.concatenate([[0.0], np.cumsum(periods)])
     square = float(index @ index)
     period = float(index @ seconds) / square
-    rest = seconds - seconds.mean() - period * index
-    deviation = math.sqrt(float(rest @ rest) / max(len(rest) - 2, 1) / square)
-    return 1 / period, deviation / period**2
+    residuals = seconds - seconds.mean() - period * index
+    variance = float(residuals @ residuals) / max(len(residuals) - 2, 1)
+    return 1 / period, math.sqrt(variance / square) / period**2
 
 
-def _order(
-    stream: SensorStream, figures: Timing, backward: np.ndarray, repeated: np.ndarray
-) -> Iterator[Finding]:
+def _order(stream: SensorStream, backward: np.ndarray, repeated: np.ndarray) -> Iterator[Finding]:
     """Yield what is earlier than the one before; (2, D) ``repeated`` are ones and their copies."""
-    if stream.stamps_ns is None:
-        return
-    if figures.backward:
-        steps = -np.diff(stream.times_ns)[backward - 1] / 1e9
-        level = {'other': 'info', 'pose': 'warn'}.get(stream.kind, 'fail')
-        yield Finding(
-            'out_of_order', stream.topic, level,
-            f'{are(figures.backward, "message")} stamped earlier than the one before, by up to '
-            f'{1e3 * steps.max():.3g} ms',
-            figures.backward, float(steps.max()), 's', stream.moments(backward - 1, backward),
-        )  # fmt: skip
-    if figures.duplicates:
-        mostly = 2 * figures.duplicates > len(stream)
-        level = 'info' if stream.kind == 'other' else 'warn'
-        level = 'fail' if stream.is_sensor and mostly else level
+    if len(backward):
+        steps_s = -np.diff(stream.times_ns)[backward - 1] / 1e9
+        yield FINDINGS['out_of_order'].found(
+            stream,
+            messages=are(len(backward), 'message'),
+            ms=1e3 * steps_s.max(),
+            count=len(backward),
+            value=float(steps_s.max()),
+            moments=stream.moments(backward - 1, backward),
+        )
+    count = repeated.shape[1]
+    if count:
         earlier, again = np.sort(repeated[:, np.argsort(repeated.max(axis=0))], axis=0)
         apart_ns = int((stream.times_ns[again] - stream.times_ns[earlier]).max())
-        nearly = f', or one that is off by up to {apart_ns / 1e3:.3g} µs' if apart_ns else ''
-        yield Finding(
-            'duplicate_stamps', stream.topic, level,
-            f'{figures.duplicates} of {len(stream)} messages have the stamp of an earlier one'
-            f'{nearly}',
-            figures.duplicates, figures.duplicates / len(stream), 'ratio',
-            stream.moments(earlier, again),
-        )  # fmt: skip
-
-
-def _lost(
-    stream: SensorStream,
-    figures: Timing,
-    order: np.ndarray,
-    which: np.ndarray,
-    name: str,
-    numbers: np.ndarray,
-) -> Iterator[Finding]:
-    """Yield what is wrong with the intervals in which messages are missing."""
-    if not which.any():
-        return
-    found, missing = np.flatnonzero(which), int(np.sum(numbers[which] - 1))
-    longest = float(figures.periods_s[which].max())
-    lost = f'{are(missing, "message")} missing'
-    if name == 'gap':
-        times = 'once' if len(found) == 1 else f'{len(found)} times'
-        message = f'silent {times}, for up to {longest:.3g} s; {lost}'
-        level = 'fail' if stream.is_sensor else 'warn'
-    else:
-        message = (
-            f'{lost}, up to {longest / figures.period_s - 1:.0f} in a row, where one is due '
-            f'every {1e3 * figures.period_s:.4g} ms'
+        yield FINDINGS['duplicate_stamps'].found(
+            stream,
+            severe=stream.is_sensor and 2 * count > len(stream),
+            total=len(stream),
+            nearly=f', or one that is off by up to {apart_ns / 1e3:.3g} µs' if apart_ns else '',
+            count=count,
+            value=count / len(stream),
+            moments=stream.moments(earlier, again),
         )
-        level = _level(stream, figures)
-    yield Finding(
-        name, stream.topic, level, message, missing if name == 'dropped' else len(found), longest,
-        's', stream.moments(order[found], order[found + 1]),
-    )  # fmt: skip
 
 
-def _level(stream: SensorStream, figures: Timing) -> str:
-    """Return how bad it is where a stream is not as regular as it is otherwise."""
-    is_due = stream.is_sensor or (stream.kind == 'pose' and figures.is_regular)
-    return 'warn' if is_due else 'info'
+def _dropped(stream: SensorStream, figures: Timing, between: Intervals) -> Iterator[Finding]:
+    """Yield the intervals in which a few messages are missing."""
+    which = np.flatnonzero(~between.is_whole & ~between.is_gap)
+    if len(which):
+        missing = int(np.sum(between.numbers[which] - 1))
+        longest_s = float(between.periods_s[which].max())
+        yield FINDINGS['dropped'].found(
+            stream,
+            minor=not _is_due(stream, figures),
+            lost=are(missing, 'message'),
+            row=longest_s / between.period_s - 1,
+            period_ms=1e3 * between.period_s,
+            count=missing,
+            value=longest_s,
+            moments=stream.moments(between.order[which], between.order[which + 1]),
+        )
+
+
+def _gap(stream: SensorStream, between: Intervals) -> Iterator[Finding]:
+    """Yield the intervals in which many messages are missing."""
+    which = np.flatnonzero(between.is_gap)
+    if len(which):
+        yield FINDINGS['gap'].found(
+            stream,
+            times='once' if len(which) == 1 else f'{len(which)} times',
+            lost=are(int(np.sum(between.numbers[which] - 1)), 'message'),
+            count=len(which),
+            value=float(between.periods_s[which].max()),
+            moments=stream.moments(between.order[which], between.order[which + 1]),
+        )
+
+
+def _is_due(stream: SensorStream, figures: Timing) -> bool:
+    """Return whether a stream should be regular: sensors, and poses that otherwise are."""
+    return stream.is_sensor or (stream.kind == 'pose' and figures.is_regular)
 
 
 def _jitter(
-    stream: SensorStream, figures: Timing, order: np.ndarray, whole: np.ndarray
+    stream: SensorStream, figures: Timing, between: Intervals, limits: InspectionLimits
 ) -> Iterator[Finding]:
-    period = figures.period_s
-    periods_ns = np.diff(stream.times_ns[order])
-    resolution = min(int(np.gcd.reduce(periods_ns)) / 1e9, COARSEST_S)
-    least, most = JITTER_S
-    limit = min(max(JITTER_OF_PERIOD * period, least), most, JITTER_OF_SHORT_PERIOD * period)
-    limit += resolution
-    off = np.where(whole, np.abs(figures.periods_s - period), 0.0)
-    alone = max(min(OFF_BY_S, OFF_BY * period), SPREADS * spread(figures.periods_s[whole]), limit)
-    if figures.jitter_p99_s <= limit and figures.jitter_max_s <= alone:
-        return
     if not (stream.is_sensor or figures.is_regular):
         return
-    worst = int(off.argmax())
-    count = int(np.sum(off > (limit if figures.jitter_p99_s > limit else alone)))
-    yield Finding(
-        'jitter', stream.topic, _level(stream, figures),
-        f'periods are off {1e3 * period:.4g} ms by {1e3 * figures.jitter_median_s:.3g} ms in the '
-        f'median, {1e3 * figures.jitter_p99_s:.3g} ms in the 99th percentile and '
-        f'{1e3 * figures.jitter_max_s:.3g} ms at most{_at_arrival(stream, order, whole)}',
-        count, figures.jitter_p99_s, 's', _once(stream, order, worst),
-    )  # fmt: skip
+    period_s, is_whole = between.period_s, between.is_whole
+    limit_s = min(
+        max(limits.jitter_percent / 100 * period_s, limits.jitter_min_s),
+        limits.jitter_max_s,
+        SHORT_PERIOD_JITTER * period_s,
+    )
+    resolution_s = int(np.gcd.reduce(np.diff(stream.times_ns[between.order]))) / 1e9
+    limit_s += min(resolution_s, COARSEST_RESOLUTION_S)
+    single_s = max(
+        min(limits.single_jitter_s, SHORT_PERIOD_SINGLE * period_s),
+        JITTER_SPREADS * spread(between.periods_s[is_whole]),
+        limit_s,
+    )
+    often = figures.jitter_p99_s > limit_s
+    if not often and figures.jitter_max_s <= single_s:
+        return
+    off_s = np.where(is_whole, np.abs(between.periods_s - period_s), 0.0)
+    worst = int(off_s.argmax())
+    at_arrival = _is_stamped_on_arrival(stream, between)
+    yield FINDINGS['jitter'].found(
+        stream,
+        minor=not _is_due(stream, figures),
+        period_ms=1e3 * period_s,
+        median_ms=1e3 * figures.jitter_median_s,
+        p99_ms=1e3 * figures.jitter_p99_s,
+        max_ms=1e3 * figures.jitter_max_s,
+        on_arrival='; they are recorded with the same jitter: stamped on arrival'
+        if at_arrival
+        else '',
+        count=int(np.sum(off_s > (limit_s if often else single_s))),
+        value=figures.jitter_p99_s,
+        moments=(stream.moment(int(between.order[worst]), int(between.order[worst + 1])),),
+    )
 
 
-def _once(stream: SensorStream, order: np.ndarray, k: int) -> tuple[Moment, ...]:
-    return (stream.moment(int(order[k]), int(order[k + 1])),)
-
-
-def _at_arrival(stream: SensorStream, order: np.ndarray, whole: np.ndarray) -> str:
-    """Return whether the stamps are off in just the way in which the messages are recorded."""
-    if stream.logged_ns is None or whole.sum() < 10:
-        return ''
-    stamped = np.diff(stream.times_ns[order])[whole].astype(float)
-    logged = np.diff(stream.logged_ns[order])[whole].astype(float)
+def _is_stamped_on_arrival(stream: SensorStream, between: Intervals) -> bool:
+    """Return whether the stamps vary in just the way in which the messages are recorded."""
+    if stream.logged_ns is None or between.is_whole.sum() < ARRIVAL_INTERVALS:
+        return False
+    stamped, logged = (
+        np.diff(times_ns[between.order])[between.is_whole].astype(float)
+        for times_ns in (stream.times_ns, stream.logged_ns)
+    )
     if not np.ptp(stamped) or not np.ptp(logged):
-        return ''
-    alike = float(np.corrcoef(stamped, logged)[0, 1]) > 0.9
-    return '; they are recorded with the same jitter, so stamped on arrival' if alike else ''
+        return False
+    return float(np.corrcoef(stamped, logged)[0, 1]) > ARRIVAL_CORRELATION

@@ -16,8 +16,10 @@ from vio_eval_ros.settings import finite, parse_yaml, Section, yaml_text
 #: T_A_B maps coordinates in B into coordinates in A.
 FROM_CAMERA = ('T_imu_cam', 'T_BS', 'T_i_c', 'T_body_cam')
 TO_CAMERA = ('T_cam_imu', 'T_c_i', 'T_cam_body')
-#: What Kalibr and EuRoC say of the noise of an IMU: the unit, and the least and the most that any
-#: sensor has, from fibre-optic gyroscopes to cheap ones whose figures were enlarged for a filter.
+#: Kalibr's name of what maps the camera before one into it
+FROM_CAMERA_BEFORE = 'T_cn_cnm1'
+#: What Kalibr and EuRoC say of the noise of an IMU: the unit, and the least and the most of any
+#: sensor, from fibre-optic gyroscopes to cheap ones whose figures were enlarged for a filter.
 NOISE = {
     'gyroscope_noise_density': ('rad/s/√Hz', 1e-8, 0.1),
     'gyroscope_random_walk': ('rad/s²/√Hz', 1e-10, 0.01),
@@ -25,28 +27,28 @@ NOISE = {
     'accelerometer_random_walk': ('m/s³/√Hz', 1e-8, 0.1),
 }
 RATES = dict.fromkeys(('update_rate', 'rate_hz'), ('Hz', 10.0, 20_000.0))
-# OpenCV's own files begin so, which is no YAML
+# OpenCV's own files begin so, which is not YAML
 OPENCV = '%YAML:'
-# Entries of a matrix that are larger are no lengths in any unit
+# Larger entries of a matrix are not lengths in any unit
 LARGEST_ENTRY = 1e6
 
 
 @dataclass(frozen=True, eq=False)
-class Chain:
+class CalibrationFile:
     """
-    The cameras of one file or folder, in the order of their names.
+    The sensors of one file of Kalibr's, or of one folder of EuRoC's, cameras by name.
 
     :param cameras: by name, (4, 4) what maps coordinates in the camera into those of the IMU.
-    :param said: by name, the key under which the file has it.
-    :param between: by name, (4, 4) what maps the camera before it into it, where it is given.
+    :param keys: by name, the key under which the file has it; empty where it is the origin.
+    :param between: by name, (4, 4) what maps the camera before it into it (``T_cn_cnm1``).
     :param shifts: by name, seconds to be added to the stamps of the camera.
     :param given: (4, 4) all transformations as they were written, by sensor and key.
-    :param noise: by name, what is said of the noise of an IMU and of its rate.
+    :param noise: by name, the noise densities of an IMU and its rate.
     """
 
     source: str
     cameras: dict[str, np.ndarray] = field(default_factory=dict)
-    said: dict[str, str] = field(default_factory=dict)
+    keys: dict[str, str] = field(default_factory=dict)
     between: dict[str, np.ndarray] = field(default_factory=dict)
     shifts: dict[str, float] = field(default_factory=dict)
     given: dict[tuple[str, str], np.ndarray] = field(default_factory=dict)
@@ -55,20 +57,20 @@ class Chain:
     @property
     def has_imu(self) -> bool:
         """Whether the cameras are given in an IMU; otherwise the first of them is the origin."""
-        return '' not in self.said.values()
+        return '' not in self.keys.values()
 
 
-def read_chains(paths: Sequence[Path]) -> list[Chain]:
+def read_calibrations(paths: Sequence[Path]) -> list[CalibrationFile]:
     """
-    Return a chain for each file of Kalibr's, and for each folder of EuRoC's.
+    Return what each file of Kalibr's and each folder of EuRoC's gives.
 
     :param paths: Kalibr's camchain, camchain-imucam or imu files, EuRoC's ``sensor.yaml`` files,
         or folders of those.
-    :raises ReadError: what is not there, or not YAML.
-    :raises ConfigError: what has neither a transformation nor the noise of an IMU, a
-        transformation that is no 4 x 4 matrix, a number that is none.
+    :raises ReadError: a file does not exist, or is not YAML.
+    :raises ConfigError: a file has neither a transformation nor the noise of an IMU, or has a
+        transformation that is not a 4 x 4 matrix, or a value that is not a finite number.
     """
-    chains: dict[str, Chain] = {}
+    found: dict[str, CalibrationFile] = {}
     for path in paths:
         files = sorted(path.glob('**/sensor.yaml')) if path.is_dir() else [path]
         if not files:
@@ -78,14 +80,13 @@ def read_chains(paths: Sequence[Path]) -> list[Chain]:
             is_euroc = 'T_BS' in content
             source = str(file.parent.parent if is_euroc else file)
             sensors = {file.parent.name: content} if is_euroc else _sensors(content)
-            chain = chains.setdefault(source, Chain(source))
             if not sensors:
                 raise ConfigError(
                     f'{file}: there is no T_BS, and no sensor with a transformation in it'
                 )
             for name, sensor in sensors.items():
-                _take(chain, name, sensor)
-    return list(chains.values())
+                _add(found.setdefault(source, CalibrationFile(source)), name, sensor)
+    return list(found.values())
 
 
 def _load(path: Path) -> Section:
@@ -109,38 +110,37 @@ def _sensors(content: Section) -> dict[str, Section]:
     }
 
 
-def _take(chain: Chain, name: str, sensor: Section) -> None:
-    """Add a sensor to the chain of its file."""
+def _add(file: CalibrationFile, name: str, sensor: Section) -> None:
+    """Add a sensor to its file."""
     keys = [key for key in (*FROM_CAMERA, *TO_CAMERA) if key in sensor]
     is_camera = sensor.get('sensor_type', name[:3]) in ('camera', 'cam')
-    wanted = (*keys[:1], 'T_cn_cnm1') if is_camera else ('T_BS', 'T_i_b')
+    wanted = (*keys[:1], FROM_CAMERA_BEFORE) if is_camera else ('T_BS', 'T_i_b')
     given = {key: _matrix(sensor, key) for key in wanted if key in sensor}
-    chain.given.update({(name, key): matrix for key, matrix in given.items()})
+    file.given.update({(name, key): matrix for key, matrix in given.items()})
     if not is_camera:
         known = [key for key in (*NOISE, *RATES) if key in sensor]
-        chain.noise[name] = {key: _number(sensor, key) for key in known}
+        file.noise[name] = {key: _number(sensor, key) for key in known}
         return
-    before = next(reversed(chain.cameras), None)
-    if 'T_cn_cnm1' in given and before is not None:
-        chain.between[name] = given['T_cn_cnm1']
+    before = next(reversed(file.cameras), None)
+    if FROM_CAMERA_BEFORE in given and before is not None:
+        file.between[name] = given[FROM_CAMERA_BEFORE]
     if keys:
         matrix = given[keys[0]]
-        chain.cameras[name] = matrix if keys[0] in FROM_CAMERA else inverse(matrix)
-        chain.said[name] = keys[0]
-    elif before is not None and name in chain.between:
+        file.cameras[name] = matrix if keys[0] in FROM_CAMERA else inverse(matrix)
+        file.keys[name] = keys[0]
+    elif before is not None and name in file.between:
         # cn from cn-1, so the IMU from cn by way of cn-1
-        chain.cameras[name] = chain.cameras[before] @ inverse(chain.between[name])
-        chain.said[name] = 'T_cn_cnm1'
+        file.cameras[name] = file.cameras[before] @ inverse(file.between[name])
+        file.keys[name] = FROM_CAMERA_BEFORE
     elif before is None:
         # the first camera of a chain without an IMU: all is relative to it
-        chain.cameras[name] = np.eye(4)
-        chain.said[name] = ''
+        file.cameras[name] = np.eye(4)
+        file.keys[name] = ''
     else:
-        raise sensor.error(
-            name, f'{name} has none of {", ".join((*FROM_CAMERA, *TO_CAMERA, "T_cn_cnm1"))}'
-        )
+        known = [*FROM_CAMERA, *TO_CAMERA, FROM_CAMERA_BEFORE]
+        raise sensor.error(name, f'{name} has none of {", ".join(known)}')
     if 'timeshift_cam_imu' in sensor:
-        chain.shifts[name] = _number(sensor, 'timeshift_cam_imu')
+        file.shifts[name] = _number(sensor, 'timeshift_cam_imu')
 
 
 def _number(sensor: Section, key: str) -> float:
@@ -168,7 +168,7 @@ def _matrix(sensor: Section, key: str) -> np.ndarray:
 
 
 def inverse(matrix: np.ndarray) -> np.ndarray:
-    """Return the inverse of a rigid transformation; of what is none, as if it were one."""
+    """Return the inverse of a rigid transformation; another one is treated as if it were rigid."""
     result = np.eye(4)
     result[:3, :3] = matrix[:3, :3].T
     result[:3, 3] = -matrix[:3, :3].T @ matrix[:3, 3]

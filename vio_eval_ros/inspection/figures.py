@@ -1,16 +1,16 @@
-"""An inspection to look at: one HTML file with the timeline of all streams and their periods."""
+"""The figures of an inspection: the timeline of all streams, and the periods of each."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-import math
 from typing import Any
 
 import numpy as np
 
-from vio_eval_ros.inspection.documents import COLUMNS, facts, Report, table_rows, times
-from vio_eval_ros.inspection.findings import Finding
-from vio_eval_ros.inspection.inspection import Examined
+from vio_eval_ros.inspection.finding import Finding
+from vio_eval_ros.inspection.measured_stream import MeasuredStream
+from vio_eval_ros.inspection.report import Report
+from vio_eval_ros.inspection.timing import MISSING_PERIODS
 from vio_eval_ros.rendering.figures import (
     AMBER,
     axis,
@@ -25,138 +25,26 @@ from vio_eval_ros.rendering.figures import (
     RED,
     shortened,
 )
-from vio_eval_ros.rendering.page import badge, Html, joined, page, plot, swatch, table, tag
 from vio_eval_ros.rendering.text import number
 
-MOST_POINTS = 2000
-MOST_MARKS = 300
-# longer periods are drawn at the top
+# More points of a period over time, and more marks of a finding, make a page slow
+MAX_POINTS, MAX_MARKS = 2000, 300
+# Longer periods are drawn at the top
 TOP_PERIODS = 4.0
-MOST_LETTERS = 26
+MAX_LETTERS = 26
 COLOURS = {'fail': RED, 'warn': AMBER, 'info': GREY}
-
-
-def html_document(report: Report) -> str:
-    """Return the page: verdict, timeline, findings, expectations, periods, figures."""
-    words = [finding.level for finding in report.findings]
-    words += [verdict.word for verdict in report.verdicts]
-    word = next((word for word in ('fail', 'warn') if word in words), 'pass')
-    streams = report.streams()
-    return page(
-        f'{report.source}: inspection',
-        tag(
-            'header',
-            tag('div', tag('h1', report.source), tag('p', _summary(report), class_='soft')),
-            badge(word, word),
-        ),
-        tag('h2', 'Timeline'),
-        tag('p', *_legend(), class_='soft'),
-        plot(timeline(report), 70 + 34 * len(streams), 'timeline of all streams'),
-        tag('h2', 'Findings'),
-        _findings(report),
-        *_expected(report),
-        tag('h2', 'Streams'),
-        tag(
-            'div',
-            table(
-                COLUMNS,
-                [
-                    [badge(cells[0].lower(), cells[0].lower()), *cells[1:]]
-                    for cells in table_rows(report)
-                ],
-                numbers=range(3, len(COLUMNS)),
-            ),
-            # all of it in a narrow window, too
-            style='overflow-x:auto;overflow-wrap:normal',
-        ),
-        tag('ul', *(tag('li', fact) for fact in facts(report.inspection))),
-        *_calibrated(report),
-        *_periods(streams, report.inspection.begin_ns),
-    )
-
-
-def _summary(report: Report) -> str:
-    inspection = report.inspection
-    known = [f'{len(inspection.streams)} streams']
-    if inspection.common_ns is not None:
-        begin_ns, end_ns = inspection.common_ns
-        known.append(f'{(end_ns - begin_ns) / 1e9:.1f} s common to all sensors')
-    if math.isfinite(inspection.imu_to_camera):
-        known.append(f'{inspection.imu_to_camera:.3g} IMU samples a frame')
-    return ', '.join(known)
-
-
-def _legend() -> list[object]:
-    return [
-        'When each topic was recorded. ',
-        swatch(BLUE), 'messages', swatch(GREY), 'missing messages',
-        swatch(RED), 'fail', swatch(AMBER), 'warn',
-    ]  # fmt: skip
-
-
-def _findings(report: Report) -> Html:
-    if not report.findings:
-        return tag('p', 'Nothing is wrong with the streams.')
-    rows = [
-        [
-            badge(one.level, one.level),
-            joined(
-                [
-                    tag('b', one.name, style='white-space:nowrap;font-weight:600'),
-                    tag('div', one.topic, class_='soft', style='min-width:9rem'),
-                ]
-            ),
-            joined([one.message, _when(report, one), '. ', _advice(one)]),
-        ]
-        for one in report.findings
-    ]
-    return table(['', 'finding', ''], rows)
-
-
-def _when(report: Report, finding: Finding) -> str:
-    return f', {times(report, finding)}' if finding.moments else ''
-
-
-def _advice(finding: Finding) -> Html:
-    return Html() if finding.level == 'info' else tag('span', finding.advice, class_='soft')
-
-
-def _expected(report: Report) -> list[Html]:
-    if not report.verdicts:
-        return []
-    rows = [
-        [
-            badge(one.word, one.word),
-            joined([tag('b', one.stream), tag('div', one.check, class_='soft')]),
-            one.message,
-        ]
-        for one in report.verdicts
-    ]
-    return [tag('h2', 'Expectations'), table(['', 'expected of', ''], rows)]
-
-
-def _calibrated(report: Report) -> list[Html]:
-    if report.calibration is None:
-        return []
-    return [
-        tag('h2', 'Calibration'),
-        *(
-            joined([tag('h3', source), tag('ul', *(tag('li', one) for one in sentences))])
-            for source, sentences in report.calibration.sentences.items()
-        ),
-    ]
 
 
 def timeline(report: Report) -> Figure:
     """Return a bar for each stream, the worst at the top, with its gaps and findings."""
-    streams = report.streams()
+    streams = report.streams
     origin_ns = report.inspection.begin_ns
     lines = {one.stream.topic: k for k, one in enumerate(streams)}
     data = [_bars(streams, origin_ns), *_holes(streams, origin_ns)]
     for level in ('info', 'warn', 'fail'):
         data += _marks(level, report.findings, lines, origin_ns)
     # the end of a topic says more than its beginning
-    names = [shortened(one.stream.topic, MOST_LETTERS, keep_end=True) for one in streams]
+    names = [shortened(one.stream.topic, MAX_LETTERS, keep_end=True) for one in streams]
     return {
         'data': data,
         'layout': line_layout(
@@ -167,7 +55,7 @@ def timeline(report: Report) -> Figure:
     }
 
 
-def _bars(streams: Sequence[Examined], origin_ns: int) -> Figure:
+def _bars(streams: Sequence[MeasuredStream], origin_ns: int) -> Figure:
     """Return a bar from the first to the last message of each stream."""
     arrivals = [one.stream.arrivals_ns for one in streams]
     return {
@@ -188,7 +76,7 @@ def _bars(streams: Sequence[Examined], origin_ns: int) -> Figure:
     }
 
 
-def _holes(streams: Sequence[Examined], origin_ns: int) -> list[Figure]:
+def _holes(streams: Sequence[MeasuredStream], origin_ns: int) -> list[Figure]:
     """Return the intervals in which messages are missing, the longest of each stream."""
     base: list[float] = []
     length: list[float] = []
@@ -197,8 +85,8 @@ def _holes(streams: Sequence[Examined], origin_ns: int) -> list[Figure]:
         periods = one.timing.periods_s
         if not one.timing.missing or not len(periods):
             continue
-        longest = np.argsort(-periods, kind='stable')[:MOST_MARKS]
-        longest = longest[periods[longest] > 1.5 * one.timing.period_s]
+        longest = np.argsort(-periods, kind='stable')[:MAX_MARKS]
+        longest = longest[periods[longest] > (1 + MISSING_PERIODS) * one.timing.period_s]
         ends = one.timing.times_s[longest]
         begins, ends = (_recorded(one, at, origin_ns) for at in (ends - periods[longest], ends))
         base += begins.tolist()
@@ -220,7 +108,7 @@ def _holes(streams: Sequence[Examined], origin_ns: int) -> list[Figure]:
     ]
 
 
-def _recorded(one: Examined, seconds: np.ndarray, origin_ns: int) -> np.ndarray:
+def _recorded(one: MeasuredStream, seconds: np.ndarray, origin_ns: int) -> np.ndarray:
     """Return when stamps, seconds since the first, were recorded, in seconds of the recording."""
     order = np.argsort(one.stream.times_ns, kind='stable')
     stamps = (one.stream.times_ns[order] - one.timing.first_ns) / 1e9
@@ -235,7 +123,7 @@ def _marks(
         (moment, lines[topic] - 0.34, one)
         for one in findings
         if one.level == level
-        for topic in one.topic.split(', ')
+        for topic in one.topics
         if topic in lines
         for moment in one.moments
     ]
@@ -264,41 +152,7 @@ def _marks(
     ]
 
 
-def _periods(streams: Sequence[Examined], origin_ns: int) -> list[Html]:
-    """Return the period of each stamped stream over time."""
-    drawn = [
-        one for one in streams if one.stream.stamps_ns is not None and len(one.timing.periods_s)
-    ]
-    if not drawn:
-        return []
-    return [
-        tag('h2', 'Periods'),
-        tag(
-            'p',
-            f'From one stamp to the next. Triangles: more than {TOP_PERIODS:.0f} medians.',
-            class_='soft',
-        ),
-        tag(
-            'div',
-            *(
-                plot(
-                    period_over_time(one, origin_ns),
-                    240,
-                    f'periods of {one.stream.topic}',
-                    _titled(one),
-                )
-                for one in drawn
-            ),
-            class_='plots',
-        ),
-    ]
-
-
-def _titled(one: Examined) -> str:
-    return f'{one.stream.topic}, {number(1e3 * one.timing.period_s)} ms in the median'
-
-
-def period_over_time(one: Examined, origin_ns: int) -> Figure:
+def period_over_time(one: MeasuredStream, origin_ns: int) -> Figure:
     """
     Return the periods of a stream, thinned to their outline; those far too long at the top.
 
@@ -308,8 +162,8 @@ def period_over_time(one: Examined, origin_ns: int) -> Figure:
     usual = 1e3 * one.timing.period_s
     periods = 1e3 * one.timing.periods_s
     top = TOP_PERIODS * usual
-    within, beyond = periods <= top, np.flatnonzero(periods > top)[:MOST_MARKS]
-    chosen = np.flatnonzero(within)[extremes(periods[within], MOST_POINTS)]
+    within, beyond = periods <= top, np.flatnonzero(periods > top)[:MAX_MARKS]
+    chosen = np.flatnonzero(within)[extremes(periods[within], MAX_POINTS)]
     return {
         'data': [
             _dots(times[chosen], periods[chosen], periods[chosen], BLUE, size=3.5),
