@@ -30,9 +30,10 @@ from document import machine, ranged, Target, targets_table
 import numpy as np
 
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.cleaning import clean, Cleaning
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
-from vio_eval_ros.core.trajectory import clean, Cleaning, Trajectory
+from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.correction import Correction
 from vio_eval_ros.diagnosis.diagnosis import diagnose, diagnose_run, Diagnosis
 from vio_eval_ros.diagnosis.run import improvement, Run

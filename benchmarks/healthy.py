@@ -25,8 +25,9 @@ from confusion import as_live
 import numpy as np
 
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.cleaning import clean, Cleaning
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.core.trajectory import clean, Cleaning, Trajectory
+from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.diagnosis import diagnose, diagnose_run, Diagnosis
 from vio_eval_ros.diagnosis.run import Run
 from vio_eval_ros.errors import NoPairs

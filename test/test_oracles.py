@@ -11,9 +11,10 @@ import pytest
 
 import vio_eval_ros as vio
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.cleaning import clean, Cleaning
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation, Summary
-from vio_eval_ros.core.trajectory import clean, Cleaning, Pairs, Poses, Trajectory
+from vio_eval_ros.core.trajectory import Pairs, Poses, Trajectory
 from vio_eval_ros.recordings.sources import read_sources
 
 EVO_STATISTICS = ('rmse', 'mean', 'median', 'std', 'min', 'max')

@@ -18,10 +18,11 @@ from typing import Any, TYPE_CHECKING, Union
 import numpy as np
 from numpy.typing import ArrayLike
 
+from vio_eval_ros.core.cleaning import MIN_QUATERNION_NORM
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.core.gates import check_names, Gate
-from vio_eval_ros.core.trajectory import MIN_QUATERNION_NORM, Poses
+from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError, InputError
 from vio_eval_ros.evaluation.recorded import score_run
 from vio_eval_ros.evaluation.result import Result as RunResult

@@ -177,7 +177,7 @@ def heading(axes: Axes, run: SimulatedRun) -> None:
     """Draw how far the heading is off."""
     for each, colour in ((HEALTHY, BLUE), (run, RED)):
         pairs = pairs_of(each)
-        worlds = rotation.multiply(pairs.turns, rotation.conjugate(pairs.turns[0]))
+        worlds = rotation.multiply(pairs.rotations, rotation.conjugate(pairs.rotations[0]))
         yaw = np.degrees(rotation.to_rotation_vector(worlds)[:, 2])
         axes.plot(seconds_of(pairs.estimate), -yaw, color=colour, lw=0.8)
     axes.set(xlabel='time [s]', ylabel='heading error [deg]')

@@ -243,7 +243,7 @@ def test_truth_is_interpolated_over_no_gap_that_is_too_long_and_not_beyond_its_e
 def test_interpolation_without_orientations_gives_positions_alone():
     pairs, _ = associate(poses([5]), poses([0, 10], rotations=False), association='interpolate')
     assert len(pairs) == 1
-    assert pairs.turns is None
+    assert pairs.rotations is None
     assert pairs.ground_truth.rotations is None
 
 

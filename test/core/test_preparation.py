@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.cleaning import Cleaning
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.preparation import Preparation
-from vio_eval_ros.core.trajectory import Cleaning, Poses
+from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError
 
 LEFT = rotation.about_z(np.array(np.pi / 2))

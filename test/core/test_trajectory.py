@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from vio_eval_ros.core.trajectory import clean, Cleaning, PairLog, Pairs, Poses, Trajectory
+from vio_eval_ros.core.cleaning import clean, Cleaning
+from vio_eval_ros.core.trajectory import PairLog, Pairs, Poses, Trajectory
 
 IDENTITY = [0.0, 0.0, 0.0, 1.0]
 ARRIVALS = st.lists(
@@ -132,7 +133,7 @@ def test_the_log_returns_all_pairs_in_order_whatever_the_batches(sizes, capacity
         read = log.all()
         assert len(read) == begin
     if count:
-        np.testing.assert_array_equal(read.turns, whole.turns)
+        np.testing.assert_array_equal(read.rotations, whole.rotations)
         np.testing.assert_array_equal(read.deviations, whole.deviations)
         np.testing.assert_array_equal(read.estimate.stamps_ns, whole.estimate.stamps_ns)
         np.testing.assert_array_equal(read.ground_truth.positions, whole.ground_truth.positions)
@@ -145,7 +146,7 @@ def test_a_column_that_one_batch_lacks_is_lost_for_the_whole_log():
     log.append(Pairs.of(Trajectory(np.array([3]), np.ones((1, 3))), clean(poses([3]), Cleaning())))
     pairs = log.all()
     assert len(pairs) == 3
-    assert pairs.turns is None
+    assert pairs.rotations is None
     assert pairs.estimate.rotations is None
     assert pairs.ground_truth.rotations is not None
 

@@ -592,7 +592,7 @@ def test_an_offset_is_as_exact_against_a_slow_truth(rate_hz):
 
 
 def test_the_published_run_that_lags_by_a_frame_is_found(shared_data):
-    from vio_eval_ros.core.trajectory import clean, Cleaning
+    from vio_eval_ros.core.cleaning import clean, Cleaning
     from vio_eval_ros.recordings.sources import read_sources
 
     folder = 'est_rpg_trajectory_evaluation/euroc_vislam_mono/vislam_rp/V1_02'

@@ -5,7 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from vio_eval_ros.core.trajectory import clean, Cleaning, Trajectory
+from vio_eval_ros.core.cleaning import clean, Cleaning
+from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.inputs import interpolated_over_s
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.simulation import simulate

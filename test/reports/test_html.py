@@ -56,8 +56,8 @@ def result_of(
     evaluation.flush()
     summary, streams = evaluation.summary(), evaluation.associator
     return Result(
-        Input(source, 'tum', '0' * 64, streams.estimate),
-        Input('gt.tum', 'tum', None, streams.ground_truth),
+        Input.of(source, 'tum', streams.estimate, sha256='0' * 64),
+        Input.of('gt.tum', 'tum', streams.ground_truth),
         evaluation.config,
         summary,
         judge([Gate.parse(gate) for gate in gates], summary.metrics),
@@ -422,7 +422,8 @@ def test_pointing_at_an_error_shows_where_that_was(real, window):
 
 def test_hostile_names_do_nothing_in_a_browser(window):
     result = result_of(*harmed(), source=HOSTILE)
-    result.summary.warnings.append(HOSTILE)
+    warned = replace(result.summary, warnings=(*result.summary.warnings, HOSTILE))
+    result = replace(result, summary=warned)
     window.open(html_report(result), 400)
     assert window.page.evaluate('typeof hacked') == 'undefined'
     assert '<script>hacked=1' in window.page.inner_text('h1')

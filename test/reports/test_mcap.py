@@ -17,8 +17,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.core.evaluation import running_series
 from vio_eval_ros.core.metrics import position_errors, rotation_errors
+from vio_eval_ros.core.series import running_series
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.evaluation.recorded import score_run

@@ -44,8 +44,8 @@ def result_of(
     summary = evaluation.summary()
     streams = evaluation.associator
     return Result(
-        Input(source, 'tum', '0' * 64, streams.estimate),
-        Input('gt', 'tum', None, streams.ground_truth),
+        Input.of(source, 'tum', streams.estimate, sha256='0' * 64),
+        Input.of('gt', 'tum', streams.ground_truth),
         evaluation.config,
         summary,
         judge([Gate.parse(gate) for gate in gates], summary.metrics),
@@ -281,7 +281,8 @@ def test_stamps_are_reported_as_recorded_and_only_those_that_were_used():
     result = dataclasses.replace(
         result_of(),
         summary=evaluation.summary(),
-        estimate=Input('est', 'tum', None, evaluation.associator.estimate, 0.004),
+        config=evaluation.config,
+        estimate=Input.of('est', 'tum', evaluation.associator.estimate, offset_s=0.004),
     )
     facts = result.estimate.to_dict()
     assert facts['poses'] == 100

@@ -14,9 +14,10 @@ import numpy as np
 
 from vio_eval_ros.cli.inputs import add_inputs, sources_of
 from vio_eval_ros.cli.shell import add_options, config_of, Parser, progress, run
+from vio_eval_ros.core.cleaning import clean, Cleaning, LARGEST
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.statistics import without_nan
-from vio_eval_ros.core.trajectory import clean, Cleaning, LARGEST, Trajectory
+from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.diagnosis import Cause, diagnose, Diagnosis, NAMES
 from vio_eval_ros.diagnosis.gyroscope import compare, Comparison
 from vio_eval_ros.diagnosis.measurements import MISFIT, OFFSET_S, TURN_DEG

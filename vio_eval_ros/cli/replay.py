@@ -11,8 +11,9 @@ from vio_eval_ros.cli.inputs import add_inputs, sources_of
 from vio_eval_ros.cli.shell import add_options, config_of, Parser, run
 from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.core.evaluation import metric_names, running_series
+from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.core.gates import check_names, Gate
+from vio_eval_ros.core.series import running_series
 from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE
 from vio_eval_ros.evaluation.recorded import score_run
 from vio_eval_ros.evaluation.result import Result

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 
 from vio_eval_ros.cli.shell import Parser, progress, run
+from vio_eval_ros.core.cleaning import clean, Cleaning
 from vio_eval_ros.core.config import nearest_name
-from vio_eval_ros.core.trajectory import clean, Cleaning, Trajectory
+from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError, PASSED, ReadError
 from vio_eval_ros.imu.noise_reports import KALIBR, PARAMETERS
 from vio_eval_ros.imu.simulated_noise import EUROC, ImuNoise, Noise

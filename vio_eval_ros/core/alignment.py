@@ -14,7 +14,7 @@ import numpy as np
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.rotation import IDENTITY
-from vio_eval_ros.core.trajectory import blocks, Pairs, Trajectory
+from vio_eval_ros.core.trajectory import blocks, PairLog, Pairs, Trajectory
 
 SCALED_MODES = ('scale', 'sim3')
 COLLINEAR = 1e-3
@@ -256,3 +256,54 @@ def _why_undetermined(mode: str, moments: Moments) -> str:
         if mode != 'posyaw' and second < COLLINEAR * longest:
             return f'the {name} moves along a line'
     return ''
+
+
+class Aligner:
+    """
+    Aligns a run that goes on, at a cost that does not grow with its pairs.
+
+    :param mode: one of ``ALIGNMENTS`` of the options.
+    :param first_ns: only pairs so long after the first are aligned on; 0 for all.
+    """
+
+    def __init__(self, mode: str, first_ns: int) -> None:
+        self._mode = mode
+        self._first_ns = first_ns
+        self._first: Moments | None = None
+        #: of all pairs as of the last :meth:`update`
+        self.moments = Moments.empty()
+        self._referenced = 0
+
+    def update(self, log: PairLog) -> Moments:
+        """
+        Take in the new pairs of a log; return the moments of all.
+
+        They are about an alignment that never is older than half of the pairs.
+        """
+        if log.count >= 2 * self._referenced and not log.dropped:
+            pairs = log.all()
+            reference = solve('sim3', Moments.of(pairs), pairs[:1]).near().linear
+            self.moments, self._referenced = Moments.of(pairs, reference), len(pairs)
+        else:
+            new = Moments.of(log.since(self.moments.count), self.moments.reference)
+            self.moments = self.moments.merge(new)
+        return self.moments
+
+    def solve(self, log: PairLog, moments: Moments) -> Alignment:
+        """Return the alignment of the pairs of a log, of which these are the moments."""
+        fitted = self._of_first(log) if self._first_ns else moments
+        return solve(self._mode, fitted, log.all()[:1])
+
+    def _of_first(self, log: PairLog) -> Moments:
+        """Return the moments of the pairs that are aligned on, those of the beginning."""
+        if self._first is not None:
+            return self._first
+        pairs = log.evenly()
+        stamps = pairs.estimate.stamps_ns
+        if not len(stamps):
+            return Moments.empty()
+        end = int(np.searchsorted(stamps, stamps[0] + self._first_ns, side='right'))
+        moments = Moments.of(pairs[:end])
+        if end < len(pairs):
+            self._first = moments  # no more will come
+        return moments

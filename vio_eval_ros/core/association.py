@@ -7,11 +7,12 @@ import math
 
 import numpy as np
 
+from vio_eval_ros.core.cleaning import Cleaning
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.interpolation import between
 from vio_eval_ros.core.intervals import Intervals, longest_tracked, nanoseconds
 from vio_eval_ros.core.preparation import Preparation
-from vio_eval_ros.core.trajectory import as_slice, Cleaning, Pairs, Poses, Trajectory
+from vio_eval_ros.core.trajectory import as_slice, Pairs, Poses, Trajectory
 
 BEFORE_ALL = np.iinfo(np.int64).min
 AFTER_ALL = np.iinfo(np.int64).max
@@ -114,12 +115,15 @@ class Associator:
         self._tolerance_ns = nanoseconds(config.max_difference_s)
         self._start_ns = nanoseconds(config.start_s)
         self._end_ns = None if math.isinf(config.end_s) else nanoseconds(config.end_s)
-        self._mode = config.association
+        self._config = config
         self._horizon_ns = BEFORE_ALL
         self._begin_ns: int | None = None
         self.estimate = Side(Preparation.of_estimate(config), self._gap_ns)
         self.ground_truth = Side(Preparation.of_ground_truth(config), self._gap_ns)
         self.closest_ns: int | None = None
+        self._pairs = 0
+        self._difference_sum_ns = 0
+        self._difference_max_ns = 0
         self._tracked = Intervals(self._gap_ns)
         self._fast = 0
         self._longest_fast_ns = 0
@@ -160,6 +164,51 @@ class Associator:
             min(1.0, self._tracked.total_ns(limit_ns) / duration_ns) if duration_ns else math.nan
         )
 
+    def statistics(self) -> dict[str, float]:
+        """Return counts, ratios and stamp differences, by their names in a result."""
+        count, settled = self._pairs, self.estimate.settled
+        unmatched_truth: float = self.ground_truth.settled - count
+        if self._config.association != 'nearest':
+            unmatched_truth = math.nan  # an interpolated pose has two sources
+        return {
+            'pairs': count,
+            'coverage_ratio': self.coverage_ratio(),
+            'matched_ratio': count / settled if settled else math.nan,
+            'abs_difference_mean_s': self._difference_sum_ns / count / 1e9 if count else math.nan,
+            'abs_difference_max_s': self._difference_max_ns / 1e9 if count else math.nan,
+            'unmatched_estimates': settled - count,
+            'unmatched_ground_truth': unmatched_truth,
+        }
+
+    def warnings(self) -> list[str]:
+        """Return what was dropped or repaired, in sentences."""
+        return [
+            *self.estimate.counts.warnings('estimate'),
+            *self.ground_truth.counts.warnings('ground truth'),
+        ]
+
+    def why_no_pairs(self) -> str:
+        """Return why there are no pairs, in one line with both time spans."""
+        estimate, truth = self.estimate, self.ground_truth
+        for name, side in (('estimate', estimate), ('ground truth', truth)):
+            if not side.used:
+                dropped = side.counts.listed()
+                return f'no pairs: the {name} has no usable pose' + (
+                    f' (dropped: {dropped})' if dropped else ''
+                )
+        spans = f'estimate spans {_span(estimate)} s, ground truth {_span(truth)} s'
+        if self._config.association == 'nearest':
+            tolerance = f'within {self._config.max_difference_s:g} s'
+            advice = 'is --max-difference-s too small, or --association interpolate meant?'
+        else:
+            tolerance = f'where ground truth has no gap above {self._config.max_gap_s:g} s'
+            advice = 'is --max-gap-s too small?'
+        apart = estimate.first_ns > truth.newest_ns or truth.first_ns > estimate.newest_ns
+        if self.closest_ns is None or apart:
+            return f'no pairs {tolerance}: {spans}; are the clocks the same?'
+        closest = f'the closest stamps are {self.closest_ns / 1e9:g} s apart'
+        return f'no pairs {tolerance}: {spans}; {closest}; {advice}'
+
     def _advance(self, horizon_ns: int) -> Pairs:
         """Return the pairs between the last horizon and this one."""
         if horizon_ns <= self._horizon_ns:
@@ -171,9 +220,9 @@ class Associator:
                 self._begin_ns = self.ground_truth.first_ns
             if self._begin_ns != AFTER_ALL:
                 self._crop(self._begin_ns)
-        decided = self._nearest if self._mode == 'nearest' else self._interpolated
+        decided = self._nearest if self._config.association == 'nearest' else self._interpolated
         pairs = decided(self._horizon_ns, horizon_ns)
-        self._tracked.add(pairs.estimate.stamps_ns)
+        self._count(pairs)
         self.ground_truth.settle(self._horizon_ns, horizon_ns)
         intervals = self.estimate.settle(self._horizon_ns, horizon_ns)
         slow = 3 * intervals > self._gap_ns
@@ -185,9 +234,17 @@ class Associator:
         self._horizon_ns = horizon_ns
         return pairs
 
+    def _count(self, pairs: Pairs) -> None:
+        """Keep the counts of what was decided up to date."""
+        self._tracked.add(pairs.estimate.stamps_ns)
+        difference = np.abs(pairs.estimate.stamps_ns - pairs.ground_truth.stamps_ns)
+        self._pairs += len(pairs)
+        self._difference_sum_ns += int(difference.sum())
+        self._difference_max_ns = max(self._difference_max_ns, int(difference.max(initial=0)))
+
     def _needed_from(self, horizon_ns: int) -> int:
         """Return the stamp from which on poses may still matter to pairs not decided yet."""
-        if self._mode == 'nearest':
+        if self._config.association == 'nearest':
             # such a pair reaches over the horizon, and its competitors are as far from it again
             return horizon_ns - 3 * self._tolerance_ns
         stamps = self.ground_truth.waiting.stamps_ns
@@ -245,3 +302,7 @@ class Associator:
         closest = int(differences.min())
         if self.closest_ns is None or closest < self.closest_ns:
             self.closest_ns = closest
+
+
+def _span(side: Side) -> str:
+    return f'{side.first_ns / 1e9:.1f} to {side.newest_ns / 1e9:.1f}'

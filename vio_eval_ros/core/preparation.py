@@ -8,9 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.cleaning import clean, Cleaning
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.intervals import nanoseconds
-from vio_eval_ros.core.trajectory import clean, Cleaning, Poses, Trajectory
+from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.errors import ConfigError
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 import copy
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, TypeVar
 
@@ -14,9 +14,6 @@ from vio_eval_ros.core import rotation
 
 Columns = TypeVar('Columns', bound='Poses')
 
-MIN_QUATERNION_NORM = 1e-6
-UNIT_QUATERNION_TOLERANCE = 1e-2
-LARGEST = 1e100
 BLOCK_ROWS = 1 << 13
 MOST_SET_ASIDE = 1 << 22
 SINGULAR = 1e-12
@@ -157,7 +154,7 @@ class Pairs:
         return self.estimate.rotations is not None and self.ground_truth.rotations is not None
 
     @cached_property
-    def turns(self) -> np.ndarray | None:
+    def rotations(self) -> np.ndarray | None:
         """(N, 4) quaternions of A = R_g R_eᵀ, from the estimated to the true orientation."""
         estimate, truth = self.estimate.rotations, self.ground_truth.rotations
         if estimate is None or truth is None:
@@ -298,85 +295,3 @@ class PairLog:
             column = bigger
         column[self._kept : end] = new
         return column
-
-
-@dataclass
-class Cleaning:
-    """
-    What :func:`clean` and association threw away of one stream, and why.
-
-    Poses that ``went_backwards`` (stamps behind an earlier one, sorted into place) and those with
-    a ``scaled_quaternion`` (normalised, though far from unit length) were kept, all others
-    dropped; ``late`` ones arrived after their pairing was decided, ``cropped`` ones lie outside
-    ``start_s`` to ``end_s``, ``overflow`` ones waited for the other stream in vain.
-    """
-
-    non_finite: int = 0
-    zero_quaternion: int = 0
-    zero_stamp: int = 0
-    duplicate: int = 0
-    late: int = 0
-    cropped: int = 0
-    overflow: int = 0
-    went_backwards: int = 0
-    scaled_quaternion: int = 0
-
-    @property
-    def dropped(self) -> dict[str, int]:
-        """Return the number of dropped poses for each reason."""
-        kept = ('went_backwards', 'scaled_quaternion')
-        return {reason: n for reason, n in asdict(self).items() if reason not in kept}
-
-
-def clean(poses: Poses, counts: Cleaning, newest_ns: int | None = None) -> Trajectory:
-    """
-    Return the usable poses in order of their stamps; add what was wrong to ``counts``.
-
-    Rows with a non-finite number (or one so large that its square is not finite), an unset stamp
-    or a quaternion of length zero are dropped, other quaternions normalised; of equal stamps the
-    first stays.
-
-    :param newest_ns: the newest stamp of earlier batches of the same stream, if any.
-    """
-    keep = np.ones(len(poses), bool)
-    for column in (poses.positions, poses.rotations):
-        # almost always all is well, which is faster to find out for the whole than for each row
-        if column is not None and not np.abs(column).max(initial=0) < LARGEST:
-            keep &= (np.abs(column) < LARGEST).all(axis=1)
-    counts.non_finite += len(poses) - int(np.count_nonzero(keep))
-    if poses.zero_is_unset:
-        counts.zero_stamp += int(np.count_nonzero(keep & (poses.stamps_ns == 0)))
-        keep &= poses.stamps_ns != 0
-    if not keep.all():
-        poses = poses[keep]
-    rotations = poses.rotations
-    if rotations is not None:
-        norms = rotation.lengths(rotations)
-        usable = norms >= MIN_QUATERNION_NORM
-        if not usable.all():
-            counts.zero_quaternion += int(np.count_nonzero(~usable))
-            poses, norms = poses[usable], norms[usable]
-        counts.scaled_quaternion += int(
-            np.count_nonzero(np.abs(norms - 1) > UNIT_QUATERNION_TOLERANCE)
-        )
-        rotations = poses.rotations / norms[:, None]  # type: ignore[operator]
-    trajectory = Trajectory(poses.stamps_ns, poses.positions, rotations, poses.covariances)
-    return _in_order(trajectory, counts, newest_ns)
-
-
-def _in_order(poses: Trajectory, counts: Cleaning, newest_ns: int | None) -> Trajectory:
-    """Return the poses sorted by stamp, the first of equal ones."""
-    stamps = poses.stamps_ns
-    if not len(stamps):
-        return poses
-    floor = stamps[0] if newest_ns is None else newest_ns
-    before = np.maximum.accumulate(np.concatenate([[floor], stamps[:-1]]))
-    backwards = int(np.count_nonzero(stamps < before))
-    counts.went_backwards += backwards
-    if backwards:
-        poses = poses[np.argsort(stamps, kind='stable')]
-    first = np.concatenate([[True], np.diff(poses.stamps_ns) > 0])
-    if first.all():
-        return poses
-    counts.duplicate += len(first) - int(np.count_nonzero(first))
-    return poses[first]

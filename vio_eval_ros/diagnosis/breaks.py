@@ -182,7 +182,7 @@ def find_breaks(pairs: Pairs, received_ns: np.ndarray, sensor: np.ndarray) -> Br
 
 def _turns(pairs: Pairs, received_ns: np.ndarray, sensor: np.ndarray) -> dict[int, Jump]:
     """Return the jumps of the orientations by their samples, as turns of the estimate's world."""
-    if pairs.turns is None:
+    if pairs.rotations is None:
         return {}
     assert pairs.estimate.rotations is not None
     assert pairs.ground_truth.rotations is not None

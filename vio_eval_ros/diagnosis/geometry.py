@@ -152,10 +152,11 @@ def fit_world(pairs: Pairs) -> World:
     By orientations where both sides have them: each pose tells its A = R_g R_eᵀ. Otherwise the
     tilt is that of the alignment of the positions, and the yaw drift is unknown.
     """
-    if pairs.turns is None or len(pairs) < 2 * BLOCKS:
+    if pairs.rotations is None or len(pairs) < 2 * BLOCKS:
         return _world_of_positions(pairs)
-    mean = mean_rotation(pairs.turns)
-    errors = rotation.to_rotation_vector(rotation.multiply(pairs.turns, rotation.conjugate(mean)))
+    mean = mean_rotation(pairs.rotations)
+    apart = rotation.multiply(pairs.rotations, rotation.conjugate(mean))
+    errors = rotation.to_rotation_vector(apart)
     stamps_ns = pairs.estimate.stamps_ns
     seconds = (stamps_ns - (stamps_ns[0] + stamps_ns[-1]) / 2) / 1e9
     half_s = float(np.ptp(seconds)) / 2

@@ -14,14 +14,9 @@ from vio_eval_ros.core.config import Delta, EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.interpolation import Interpolator
 from vio_eval_ros.core.intervals import longest_tracked
-from vio_eval_ros.core.metrics import (
-    candidates,
-    position_errors,
-    progress_along,
-    relative_errors,
-    rotation_errors,
-)
+from vio_eval_ros.core.metrics import position_errors, rotation_errors
 from vio_eval_ros.core.preparation import Preparation
+from vio_eval_ros.core.relative import candidates, progress_along, relative_errors
 from vio_eval_ros.core.statistics import root_mean_square
 from vio_eval_ros.core.trajectory import Pairs, Trajectory
 from vio_eval_ros.diagnosis.correction import Correction
@@ -114,7 +109,7 @@ class Run:
             apart = candidates(progress_along(pairs, delta.unit), delta, 'all')
             begin, end = apart.begin[apart.usable], apart.end[apart.usable]
             pose, turn, displacement, _ = relative_errors(pairs, begin, end, aligned)
-            errors[f'RPE {delta} [m]'] = displacement if pairs.turns is None else pose
+            errors[f'RPE {delta} [m]'] = displacement if pairs.rotations is None else pose
             errors[f'rotation RPE {delta} [deg]'] = turn
         return {name: root_mean_square(each) for name, each in errors.items()}
 

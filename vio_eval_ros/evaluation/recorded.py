@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -35,35 +36,36 @@ def score_run(
     :raises NoPairs: where the two share no instant; the message says why.
     """
     evaluation = _evaluated(config, estimate.poses, truth.poses)
+    causal = None
     if estimate.causal is not None:
-        evaluation.causal = _evaluated(config, estimate.causal, truth.poses)
-    summary = evaluation.summary()
+        causal = _evaluated(config, estimate.causal, truth.poses).summary().metrics
+    summary = evaluation.summary(causal)
+    associator = evaluation.associator
     if not len(summary.pairs):
-        raise NoPairs(evaluation.no_pairs())
+        raise NoPairs(associator.why_no_pairs())
+    warnings = [*dict.fromkeys([*estimate.warnings, *truth.warnings]), *summary.warnings]
     if _are_same(estimate.poses, truth.poses):
-        summary.warnings.append('the estimate and the ground truth are the same')
-    summary.warnings[:0] = dict.fromkeys([*estimate.warnings, *truth.warnings])
-    streams = evaluation.associator
+        warnings.append('the estimate and the ground truth are the same')
     return Result(
-        Input(
+        estimate=Input.of(
             estimate.spec,
             estimate.kind,
-            sha256(estimate.paths) if hashed else None,
-            streams.estimate,
-            config.time_offset_s,
-            estimate.paths,
+            associator.estimate,
+            offset_s=config.time_offset_s,
+            sha256=sha256(estimate.paths) if hashed else None,
+            paths=estimate.paths,
         ),
-        Input(
+        ground_truth=Input.of(
             truth.spec,
             truth.kind,
-            sha256(truth.paths) if hashed else None,
-            streams.ground_truth,
+            associator.ground_truth,
+            sha256=sha256(truth.paths) if hashed else None,
             paths=truth.paths,
         ),
-        config,
-        summary,
-        judge(gates, summary.metrics),
-        truth=_outline(config, truth, streams.ground_truth),
+        config=config,
+        summary=replace(summary, warnings=tuple(warnings)),
+        verdicts=judge(gates, summary.metrics),
+        truth=_outline(config, truth, associator.ground_truth),
     )
 
 
@@ -93,7 +95,7 @@ def _outline(config: EvaluationConfig, truth: Source, used: Side) -> Trajectory:
 
 
 def sha256(paths: Sequence[Path]) -> str | None:
-    """Return the hash of files, one behind the other; None where one is a pipe."""
+    """Return the hash of concatenated files; None where one is a pipe."""
     import hashlib
 
     if not all(path.is_file() for path in paths):

@@ -11,6 +11,7 @@ from vio_eval_ros.core.association import Side
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Summary
 from vio_eval_ros.core.gates import Gate, judge, Verdict
+from vio_eval_ros.core.intervals import nanoseconds
 from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.version import __version__
@@ -27,33 +28,73 @@ class Input:
 
     :param source: what the user named.
     :param kind: tum, euroc, kitti, ros1, rosbag2, mcap or topic.
-    :param sha256: of the files, one behind the other; None for a live topic or a pipe.
-    :param stream: what the association counted of it.
-    :param offset_s: what was added to its stamps; they are reported as recorded.
+    :param sha256: of the files, concatenated; None for a live topic or a pipe.
+    :param poses: how many were used.
+    :param first_stamp_ns: of those, as recorded; None where there are none.
+    :param last_stamp_ns: likewise.
+    :param rate_hz: of those; None of fewer than two.
+    :param position_only: whether some have no orientation.
+    :param dropped: the number of poses that were dropped, for each reason.
+    :param repaired: the number of poses that were kept, but sorted or normalised.
     :param paths: the files.
     """
 
     source: str
     kind: str
     sha256: str | None
-    stream: Side
-    offset_s: float = 0.0
+    poses: int
+    first_stamp_ns: int | None
+    last_stamp_ns: int | None
+    rate_hz: float | None
+    position_only: bool
+    dropped: Mapping[str, int]
+    repaired: Mapping[str, int]
     paths: tuple[Path, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        source: str,
+        kind: str,
+        side: Side,
+        *,
+        offset_s: float = 0.0,
+        sha256: str | None = None,
+        paths: tuple[Path, ...] = (),
+    ) -> Input:
+        """
+        Return the input as it was associated up to now.
+
+        :param offset_s: what was added to its stamps.
+        """
+        offset_ns = nanoseconds(offset_s)
+        seconds = (side.last_used_ns - side.first_used_ns) / 1e9
+        return cls(
+            source=source,
+            kind=kind,
+            sha256=sha256,
+            poses=side.used,
+            first_stamp_ns=side.first_used_ns - offset_ns if side.used else None,
+            last_stamp_ns=side.last_used_ns - offset_ns if side.used else None,
+            rate_hz=(side.used - 1) / seconds if side.used > 1 else None,
+            position_only=side.position_only,
+            dropped=side.counts.dropped,
+            repaired=side.counts.repaired,
+            paths=paths,
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return the description with its counts."""
-        stream, offset_ns = self.stream, round(self.offset_s * 1e9)
-        seconds = (stream.last_used_ns - stream.first_used_ns) / 1e9
         return {
             'source': self.source,
             'kind': self.kind,
             'sha256': self.sha256,
-            'poses': stream.used,
-            'first_stamp_ns': stream.first_used_ns - offset_ns if stream.used else None,
-            'last_stamp_ns': stream.last_used_ns - offset_ns if stream.used else None,
-            'rate_hz': (stream.used - 1) / seconds if stream.used > 1 else None,
-            'position_only': stream.position_only,
-            'dropped': stream.counts.dropped,
+            'poses': self.poses,
+            'first_stamp_ns': self.first_stamp_ns,
+            'last_stamp_ns': self.last_stamp_ns,
+            'rate_hz': self.rate_hz,
+            'position_only': self.position_only,
+            'dropped': dict(self.dropped),
         }
 
 

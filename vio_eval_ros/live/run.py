@@ -19,8 +19,9 @@ import numpy as np
 
 from vio_eval_ros.core.association import Side
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.core.evaluation import Evaluation, MOST_WAITING, RunningSeries, Summary
+from vio_eval_ros.core.evaluation import Evaluation, Summary
 from vio_eval_ros.core.gates import Gate, judge
+from vio_eval_ros.core.series import MOST_WAITING, RunningSeries
 from vio_eval_ros.core.steps import step_lengths
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ReadError, WriteError
@@ -133,7 +134,7 @@ class LiveRun:
             estimate_moved_m=alignment.scale * self._estimate_moved() if alignment else 0.0,
             ground_truth_moved_m=self.window.get('path_length_m', math.inf),
             waiting_for=self._series.waiting_for(),
-            no_pairs='' if has_pairs else self.evaluation.no_pairs(),
+            no_pairs='' if has_pairs else self.evaluation.associator.why_no_pairs(),
             largest_jump=self.largest_jump(),
             diagnosis=self.monitor.latest,
             diagnosed_pairs=self.monitor.pairs,
@@ -211,8 +212,8 @@ class LiveRun:
         evaluation, summary, problems = series.evaluation, series.summary, []
         if self._revisions is not None:
             try:
-                evaluation = self._revised(evaluation, self._revisions)
-                summary = evaluation.summary()
+                evaluation = self._revised(self._revisions)
+                summary = evaluation.summary(causal=summary.metrics)
             except ReadError as error:
                 problems.append(str(error))
         if self._revisions is not None and self._given_up:
@@ -220,20 +221,25 @@ class LiveRun:
                 f'the revised Path is scored without the first {self._given_up} true poses: there '
                 'were more than ten times max_pairs'
             )
-        summary = replace(summary, warnings=[*self.notes, *summary.warnings, *problems])
+        summary = replace(summary, warnings=(*self.notes, *summary.warnings, *problems))
         return self._result(evaluation, summary), rows
 
     def _result(self, evaluation: Evaluation, summary: Summary) -> Result:
         setup, associator = self._setup, evaluation.associator
         offset_s = setup.config.time_offset_s
-        estimate = Input(setup.names[0], 'topic', None, associator.estimate, offset_s)
-        truth = Input(setup.names[1], 'topic', None, associator.ground_truth)
+        estimate = Input.of(setup.names[0], 'topic', associator.estimate, offset_s=offset_s)
+        truth = Input.of(setup.names[1], 'topic', associator.ground_truth)
         if setup.truth is not None:
             truth = replace(truth, source=setup.truth.spec, kind=setup.truth.kind)
-        verdicts = judge(setup.gates, summary.metrics)
-        return Result(estimate, truth, setup.config, summary, verdicts)
+        return Result(
+            estimate=estimate,
+            ground_truth=truth,
+            config=setup.config,
+            summary=summary,
+            verdicts=judge(setup.gates, summary.metrics),
+        )
 
-    def _revised(self, causal: Evaluation, revisions: PathRevisions) -> Evaluation:
+    def _revised(self, revisions: PathRevisions) -> Evaluation:
         """Return the evaluation of the estimate as last revised."""
         final, truth = Evaluation(self._setup.config), self._setup.truth
         if truth is not None:
@@ -242,7 +248,6 @@ class LiveRun:
             final.add_ground_truth(poses)
         final.add_estimate(revisions.final())
         final.flush()
-        final.causal = causal
         return final
 
 

@@ -22,8 +22,9 @@ from urllib.parse import parse_qsl
 import numpy as np
 
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.cleaning import MIN_QUATERNION_NORM
 from vio_eval_ros.core.config import nearest_name
-from vio_eval_ros.core.trajectory import MIN_QUATERNION_NORM, Poses
+from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.text import read_text, STAMP_UNITS, TextFile

@@ -149,7 +149,7 @@ def _headlines(result: Result) -> Iterator[tuple[str, str, str]]:
         f'RMSE, max {number(metrics["ate_rot_max_deg"])}°',
     )
     for delta in result.config.rpe_deltas[-1:]:
-        kind = 'disp' if result.summary.pairs.turns is None else 'trans'
+        kind = 'disp' if result.summary.pairs.rotations is None else 'trans'
         yield f'RPE over {delta}', f'{number(metrics[f"rpe_{delta}_{kind}_rmse_m"])} m', 'RMSE'
     yield 'Coverage', percent(metrics['coverage_ratio']), 'of the ground truth was tracked'
     yield (
@@ -267,7 +267,7 @@ def _streams(result: Result) -> Iterator[list[object]]:
         if any(counts):
             yield [f'dropped: {reason.replace("_", " ")}', *(f'{n:,}' for n in counts)]
     for name in ('went_backwards', 'scaled_quaternion'):
-        counts = [getattr(side.stream.counts, name) for side in sides]
+        counts = [side.repaired[name] for side in sides]
         if any(counts):
             yield [f'mended: {name.replace("_", " ")}', *(f'{n:,}' for n in counts)]
 

@@ -12,12 +12,11 @@ import numpy as np
 
 from vio_eval_ros.core.config import Delta, plain
 from vio_eval_ros.core.intervals import longest_tracked
-from vio_eval_ros.core.metrics import (
+from vio_eval_ros.core.metrics import position_errors, rotation_errors
+from vio_eval_ros.core.relative import (
     candidates,
-    position_errors,
     progress_along,
     relative_errors,
-    rotation_errors,
     RPE_KINDS,
     segment_errors,
 )
@@ -93,13 +92,13 @@ class Course:
     def of(cls, result: Result, most_points: int = MOST_POINTS) -> Course:
         """Return the course of a run."""
         pairs, alignment = result.summary.pairs, result.summary.alignment
-        truth = result.ground_truth.stream
-        first_ns = truth.first_used_ns
+        first_ns = result.ground_truth.first_stamp_ns or 0
+        last_ns = result.ground_truth.last_stamp_ns or 0
         seconds = (pairs.estimate.stamps_ns - first_ns) / 1e9
         usual = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
         return cls(
             seconds,
-            (truth.last_used_ns - first_ns) / 1e9,
+            (last_ns - first_ns) / 1e9,
             alignment.positions(pairs.estimate.positions),
             pairs.ground_truth.positions,
             position_errors(pairs, alignment),
@@ -405,7 +404,7 @@ def _level(value: float, axis: str) -> Figure:
 def relative_samples(result: Result) -> list[tuple[str, dict[str, np.ndarray]]]:
     """Return for two kinds of relative error a title, and the errors over each delta."""
     pairs, alignment = result.summary.pairs, result.summary.alignment
-    kinds = ('disp', 'dist') if pairs.turns is None else ('trans', 'rot')
+    kinds = ('disp', 'dist') if pairs.rotations is None else ('trans', 'rot')
     titles = {'trans': 'position [m]', 'rot': 'rotation [deg]', 'disp': 'displacement [m]',
               'dist': 'distance [m]'}  # fmt: skip
     found: dict[str, dict[str, np.ndarray]] = {kind: {} for kind in kinds}
@@ -425,7 +424,7 @@ def segment_samples(
 ) -> list[tuple[str, dict[str, np.ndarray]]]:
     """Return the drift of position and rotation over each length of path, with titles."""
     pairs, scale = result.summary.pairs, result.summary.alignment.scale
-    if pairs.turns is None:
+    if pairs.rotations is None:
         return []
     path = progress_along(pairs, 'm')
     drift, turn = {}, {}

@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from vio_eval_ros.core.intervals import nanoseconds
 from vio_eval_ros.core.metrics import position_errors, rotation_errors
 from vio_eval_ros.core.statistics import STATISTICS
 from vio_eval_ros.core.trajectory import Trajectory
@@ -27,7 +28,7 @@ def pair_errors(result: Result) -> dict[str, np.ndarray]:
     pairs, alignment = result.summary.pairs, result.summary.alignment
     difference = alignment.positions(pairs.estimate.positions) - pairs.ground_truth.positions
     return {
-        'estimate_stamp_ns': pairs.estimate.stamps_ns - round(result.estimate.offset_s * 1e9),
+        'estimate_stamp_ns': pairs.estimate.stamps_ns - nanoseconds(result.config.time_offset_s),
         'ground_truth_stamp_ns': pairs.ground_truth.stamps_ns,
         'ate_trans_m': position_errors(pairs, alignment),
         'ate_rot_deg': rotation_errors(pairs, alignment),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 import math
 
-from vio_eval_ros.core.metrics import RPE_KINDS
+from vio_eval_ros.core.relative import RPE_KINDS
 from vio_eval_ros.core.statistics import STATISTICS
 from vio_eval_ros.evaluation.result import Input, Result
 from vio_eval_ros.rendering.text import number, percent, printable
@@ -82,7 +82,7 @@ def rows(result: Result) -> Iterator[tuple[str, list[float]]]:
 
     yield 'ATE position [m]', statistics('ate_trans', 'm')
     yield 'ATE rotation [deg]', statistics('ate_rot', 'deg')
-    kinds = ('disp', 'dist') if result.summary.pairs.turns is None else ('trans', 'rot')
+    kinds = ('disp', 'dist') if result.summary.pairs.rotations is None else ('trans', 'rot')
     for delta in result.config.rpe_deltas:
         for kind in kinds:
             unit = RPE_KINDS[kind]

@@ -87,7 +87,7 @@ def cautions(one: SequenceResult) -> Iterator[str]:
     told: Counter[str] = Counter()
     for run in one.runs:
         if run.result is not None:
-            texts = run.result.summary.warnings
+            texts = list(run.result.summary.warnings)
             for path in run.result.estimate.paths:  # which would tell the runs apart
                 texts = [text.removeprefix(f'{path}: ') for text in texts]
             told.update(list(dict.fromkeys(texts)))

@@ -14,10 +14,10 @@ import math
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn, TypeVar
 
+from vio_eval_ros.core.cleaning import LARGEST
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.core.gates import check_names, Gate, LIMITS, SEVERITIES
-from vio_eval_ros.core.trajectory import LARGEST
 from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
 from vio_eval_ros.evaluation.recorded import score_run, sha256
 from vio_eval_ros.evaluation.result import Result
