@@ -79,9 +79,9 @@ setup(
         'argcomplete',
         'mcap>=1.2',
         'numpy>=1.26',
-        'PyYAML',
         # the first that lists topics without messages and lets go of a damaged bag
         'rosbags>=0.11.7',
+        'ruamel.yaml',
         'tabulate',
         'tqdm',
     ],
@@ -112,6 +112,8 @@ setup(
             'playwright',
             'pytest',
             'pytest-xdist',
+            # the tests read what is written with another library
+            'PyYAML',
             'ruff',
             # the oracle of the permutation test
             'scipy>=1.15',

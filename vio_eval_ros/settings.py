@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import fields
 import math
 from pathlib import Path
 from typing import Any
+import warnings
 
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.gates import Gate
@@ -56,34 +56,20 @@ class Section(dict[str, Any]):
         if value is None:
             return Section(self.file)
         if not isinstance(value, Section):
-            raise self.error(key, f'{key}: a mapping is expected')
+            raise self.error(key, f'{key}: expected a mapping')
         return value
 
 
-def load_yaml(path: Path) -> Section:
+def load_yaml(path: Path, what: str = 'a file of options') -> Section:
     """
     Return the mapping in a YAML file; nothing but plain data is ever made of it.
 
-    :raises ReadError: no such file, no YAML, a key given twice or an alias (which could repeat a
-        part a billion times).
+    OpenCV begins its files with ``%YAML:1.0``, which is not YAML; that line is skipped.
+
+    :param what: the file should be, for errors.
+    :raises ReadError: no such file, too large, not YAML, a key given twice or an alias (which
+        could repeat a part a billion times).
     :raises ConfigError: not a mapping.
-    """
-    text = yaml_text(path, 'a file of options')
-    content = parse_yaml(text, path, lambda line: f'line {line}')
-    if content is None:
-        return Section(path)
-    if not isinstance(content, Section):
-        raise ConfigError(f'{path}: a mapping of names to values is expected')
-    content.place = ''
-    return content
-
-
-def yaml_text(path: Path, what: str) -> str:
-    """
-    Return the text of a YAML file.
-
-    :param what: it is, for errors.
-    :raises ReadError: no such file, no text, or too much of it.
     """
     try:
         with path.open(encoding='utf-8') as file:
@@ -94,48 +80,66 @@ def yaml_text(path: Path, what: str) -> str:
         raise ReadError(path, f'not valid YAML: {error}') from None
     if len(text) > MAX_YAML_BYTES:
         raise ReadError(path, f'too large for {what}')
-    return text
+    if text.startswith('%YAML:'):
+        text = '\n' + text.partition('\n')[2]
+    content = parse_yaml(text, path)
+    if content is None:
+        return Section(path)
+    if not isinstance(content, Section):
+        raise ConfigError(f'{path}: expected {what}, a mapping of names to values')
+    content.place = ''
+    return content
 
 
-def parse_yaml(text: str, file: Path, place: Callable[[int], str]) -> Any:
+def parse_yaml(text: str, file: Path, place: str = '') -> Any:
     """
     Return what YAML means: plain values, lists and sections.
 
+    It is YAML 1.1, as in ROS parameter files (yes and on are true, 010 is eight), but for 1e-3,
+    which is a number here as it is there.
+
     :param file: what errors name.
-    :param place: what errors call a line of the text.
+    :param place: what errors name instead of the line.
     :raises ReadError: as :func:`load_yaml`.
     """
-    import yaml
+    from ruamel.yaml import YAML
+    from ruamel.yaml.error import MantissaNoDotYAML1_1Warning, YAMLError
 
+    yaml = YAML(typ='safe', pure=True)
+    yaml.version = (1, 1)
     seen: set[int] = set()
 
-    def content(node: Any, where: str) -> Any:
+    def where(node: Any) -> str:
+        return place or f'line {node.start_mark.line + 1}'
+
+    def content(node: Any, at: str) -> Any:
         if id(node) in seen:
-            raise ReadError(file, f'{where}: aliases are not allowed')
+            raise ReadError(file, f'{at}: aliases are not allowed')
         seen.add(id(node))
         if node.id == 'scalar':
-            return loader.construct_object(node)
+            return yaml.constructor.construct_object(node)
         if node.tag not in PLAIN_TAGS:
-            raise ReadError(file, f'{where}: not valid YAML: {node.tag} is no plain data')
+            raise ReadError(file, f'{at}: not valid YAML: {node.tag} is not plain data')
         if node.id == 'sequence':
-            return [content(item, place(item.start_mark.line + 1)) for item in node.value]
-        section = Section(file, where)
+            return [content(item, where(item)) for item in node.value]
+        section = Section(file, at)
         for name, value in node.value:
-            where = place(name.start_mark.line + 1)
-            key = content(name, where)
+            at = where(name)
+            key = content(name, at)
             if not isinstance(key, str):
-                raise ReadError(file, f"{where}: a name is expected, not '{key}'")
+                raise ReadError(file, f"{at}: expected a name, not '{key}'")
             if key in section:
-                raise ReadError(file, f"{where}: '{key}' is there already")
-            section.places[key] = where
-            section[key] = content(value, where)
+                raise ReadError(file, f"{at}: '{key}' is there already")
+            section.places[key] = at
+            section[key] = content(value, at)
         return section
 
     try:
-        loader = yaml.SafeLoader(text)
-        node = loader.get_single_node()
-        return None if node is None else content(node, place(1))
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter('ignore', MantissaNoDotYAML1_1Warning)
+            node = yaml.compose(text)
+            return None if node is None else content(node, place or 'line 1')
+    except (YAMLError, RecursionError, ValueError) as error:
         raise ReadError(file, f'not valid YAML: {" ".join(str(error).split())}') from None
 
 

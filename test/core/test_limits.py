@@ -53,7 +53,7 @@ def test_a_wrong_profile_or_limit_is_an_error_that_says_what_there_is():
         ('diagnose: {gap_s: .nan}', "line 1: gap_s: 'nan' is not a finite number"),
         ('diagnose:\n  gap: 1', "line 2: there is no 'gap' here; did you mean 'gap_s'"),
         ('diagnse: {gap_s: 1}', "line 1: there is no 'diagnse' here; did you mean 'diagnose'"),
-        ('diagnose: 3', 'line 1: diagnose: a mapping is expected'),
+        ('diagnose: 3', 'line 1: diagnose: expected a mapping'),
     ],
 )
 def test_what_is_wrong_in_a_file_of_limits_is_named_with_its_line(tmp_path, text, message):

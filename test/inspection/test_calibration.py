@@ -283,9 +283,9 @@ def test_millimetres_are_one_finding(tmp_path, key, harmed):
         ('gyroscope_noise_density: .inf\n', 'line 1: gyroscope_noise_density: a finite number'),
         ('imu0:\n  update_rate: [200]\n', 'line 2: update_rate: a finite number'),
         ('cam0: {}\ncam1: {}\n', 'line 2: cam1 has none of T_imu_cam'),
-        ('cam0: !!python/object:os.system {}\n', 'is no plain data'),
+        ('cam0: !!python/object:os.system {}\n', 'is not plain data'),
         ('a: 1\n', 'there is no T_BS, and no sensor'),
-        ('[1]\n', 'a calibration is expected'),
+        ('[1]\n', 'expected a calibration, a mapping of names to values'),
     ],
 )
 def test_files_that_are_no_calibration_are_told(tmp_path, text, problem):

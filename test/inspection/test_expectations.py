@@ -23,7 +23,7 @@ STREAM = 'streams:\n  cam:\n    topic: /cam0/image_raw\n'
         (STREAM + '    up_axis: up\n', 'line 4: up_axis: one of +x, -x'),
         (STREAM + '    rate_tolerance: 0.1\n', 'line 4: rate_tolerance: goes with rate_hz'),
         ('streams:\n  cam:\n    rate_hz: 20\n', 'line 2: topic: the name of a topic is expected'),
-        ('streams:\n  cam: 3\n', 'line 2: cam: a mapping is expected'),
+        ('streams:\n  cam: 3\n', 'line 2: cam: expected a mapping'),
         ('stream:\n  cam: 3\n', "line 1: there is no 'stream' here; did you mean 'streams'?"),
         ('{}', 'no streams are expected; name them under streams'),
         (STREAM + 'pairs:\n  a: {streams: [cam, dog]}\n', "line 5: there is no stream 'dog'"),

@@ -247,7 +247,7 @@ def test_numbers_with_exponents_are_numbers(folder):
         ('sequences: []', 'line 1: sequences: a list'),
         ('sequences: {a: b}', 'line 1: sequences: a list'),
         ('sequences: [one]', 'line 1: sequences: each is a mapping'),
-        ('- a', 'a mapping of names to values is expected'),
+        ('- a', 'expected a file of options, a mapping of names to values'),
         ('sequences: [', 'not valid YAML'),
         ('tags: [a]\nsequence: []', "line 2: there is no 'sequence' here; did you mean"),
     ],
@@ -302,7 +302,7 @@ GLOB = 'runs/one/*.tum'
         ('gt.tum\n    options', 'no.tum\n    options', 'line 10: ground_truth: there is no '),
         ('gt.tum\n    options', '/gt\n    options', 'line 10: ground_truth: there is no /gt'),
         (BOUNDS, '{max: 0.3, of: best}', 'line 2: gate ate_trans_rmse_m: of is median or worst'),
-        (f'{{ate_trans_rmse_m: {BOUNDS}}}', '[a]', 'line 2: gates: a mapping is expected'),
+        (f'{{ate_trans_rmse_m: {BOUNDS}}}', '[a]', 'line 2: gates: expected a mapping'),
     ],
 )
 def test_what_is_wrong_is_named_with_its_line(folder, old, new, problem):
@@ -326,7 +326,7 @@ def test_what_is_wrong_is_named_with_its_line(folder, old, new, problem):
         ('stack: {comit: 4f2a9c1}', "stack: there is no 'comit' here; did you mean 'commit'?"),
         ('stack: {version: 2.1}', "stack: version: '2.1' is no text; put it into quotes"),
         ('stack: {config: {a: b}}', 'stack: config: a list of files is expected'),
-        ('stack: okvis', 'stack: a mapping is expected'),
+        ('stack: okvis', 'stack: expected a mapping'),
     ],
 )
 def test_what_is_wrong_in_a_sequence_is_named_with_its_line(folder, more, problem):
@@ -359,7 +359,7 @@ def test_a_file_of_bands_that_is_not_there_is_named(folder):
         ('one: {good: true, plausible: 1, failed: 3}', 'rising numbers'),
         ('one: {god: 1, plausible: 2}', "line 1: there is no 'god' here; did you mean 'good'?"),
         ('one: {mono: {good: 1, plausible: 2, faild: 3}}', "line 1: there is no 'faild' here"),
-        ('one: 3', 'line 1: one: a mapping is expected'),
+        ('one: 3', 'line 1: one: expected a mapping'),
     ],
 )
 def test_what_is_wrong_in_the_bands_is_named_with_its_line(folder, bands, problem):

@@ -14,12 +14,12 @@ from vio_eval_ros.cli.shell import Parser, progress, run
 from vio_eval_ros.core.cleaning import clean, Cleaning
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.trajectory import Trajectory
-from vio_eval_ros.errors import ConfigError, PASSED, ReadError
+from vio_eval_ros.errors import ConfigError, PASSED
 from vio_eval_ros.imu.noise_reports import KALIBR, PARAMETERS
 from vio_eval_ros.imu.simulated_noise import EUROC, ImuNoise, Noise
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.rendering.text import printable
-from vio_eval_ros.settings import finite, parse_yaml
+from vio_eval_ros.settings import finite, load_yaml
 from vio_eval_ros.simulation import at_rest, Drift, FAULTS, simulate, SimulatedRun
 from vio_eval_ros.simulation.faults import inject, parse_fault, usage
 from vio_eval_ros.simulation.formats import check_out, kind_of, KINDS, write_recording
@@ -207,18 +207,13 @@ def _noise(arguments: argparse.Namespace) -> ImuNoise:
 
 def _noise_file(path: Path) -> dict[str, Any]:
     """Return what a calibration file says of each key of Kalibr's."""
-    try:
-        text = path.read_text(errors='replace')
-    except OSError as error:
-        raise ReadError(path, error.strerror or str(error)) from None
-    # OpenCV's first line is not YAML's
-    content = parse_yaml(text.removeprefix('%YAML:1.0'), path, lambda line: f'line {line}')
-    content = content if isinstance(content, dict) else {}
+    expected = f'a calibration with {", ".join(KALIBR)}'
+    content = load_yaml(path, expected)
     # a chain has the keys of each IMU under its name
     for part in (content, *(part for part in content.values() if isinstance(part, dict))):
         if KALIBR.keys() <= part.keys():
             return {key: part[key] for key in KALIBR}
-    raise ConfigError(f'{path}: there are no {", ".join(KALIBR)} in it')
+    raise ConfigError(f'{path}: expected {expected}')
 
 
 def _text(made: SimulatedRun, out: Path, kind: str, faults: Sequence[str]) -> list[str]:

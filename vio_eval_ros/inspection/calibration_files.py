@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from vio_eval_ros.errors import ConfigError, ReadError
-from vio_eval_ros.settings import finite, parse_yaml, Section, yaml_text
+from vio_eval_ros.settings import finite, load_yaml, Section
 
 #: What the names of transformations mean: whether the first or the second frame is the sensor's.
 #: T_A_B maps coordinates in B into coordinates in A.
@@ -27,8 +27,6 @@ NOISE = {
     'accelerometer_random_walk': ('m/s³/√Hz', 1e-8, 0.1),
 }
 RATES = dict.fromkeys(('update_rate', 'rate_hz'), ('Hz', 10.0, 20_000.0))
-# OpenCV's own files begin so, which is not YAML
-OPENCV = '%YAML:'
 # Larger entries of a matrix are not lengths in any unit
 LARGEST_ENTRY = 1e6
 
@@ -76,7 +74,7 @@ def read_calibrations(paths: Sequence[Path]) -> list[CalibrationFile]:
         if not files:
             raise ReadError(path, 'there is no sensor.yaml in it')
         for file in files:
-            content = _load(file)
+            content = load_yaml(file, 'a calibration')
             is_euroc = 'T_BS' in content
             source = str(file.parent.parent if is_euroc else file)
             sensors = {file.parent.name: content} if is_euroc else _sensors(content)
@@ -87,16 +85,6 @@ def read_calibrations(paths: Sequence[Path]) -> list[CalibrationFile]:
             for name, sensor in sensors.items():
                 _add(found.setdefault(source, CalibrationFile(source)), name, sensor)
     return list(found.values())
-
-
-def _load(path: Path) -> Section:
-    text = yaml_text(path, 'a calibration')
-    if text.startswith(OPENCV):
-        text = '\n' + text.partition('\n')[2]
-    content = parse_yaml(text, path, lambda line: f'line {line}')
-    if not isinstance(content, Section):
-        raise ConfigError(f'{path}: a calibration is expected, a mapping of names to values')
-    return content
 
 
 def _sensors(content: Section) -> dict[str, Section]:

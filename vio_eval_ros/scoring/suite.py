@@ -499,7 +499,7 @@ def _override(top: Section, text: str) -> None:
     if not equals or not all(name.split('.')):
         raise ConfigError(f'{place}: write KEY=VALUE, such as options.alignment=sim3')
     try:
-        value = parse_yaml(given, top.file, lambda line: place)
+        value = parse_yaml(given, top.file, place)
     except ReadError as error:
         raise ConfigError(f'{place}: {error.problem.removeprefix(place + ": ")}') from None
     section: Any = top
