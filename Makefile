@@ -16,7 +16,7 @@ VENV_OPTIONS := --system-site-packages
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-offline test test-fast lint format bench accuracy demo-recording clean
+.PHONY: help demo demo-offline test test-fast lint format bench accuracy schemas demo-recording clean
 
 help:  ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 18
@@ -63,6 +63,9 @@ bench: $(TESTING)  ## compare speed and memory with evo and with a bare node, si
 
 accuracy: $(TESTING)  ## compare the figures with evo's on real runs
 	@$(IN_VENV) benchmarks/accuracy.py
+
+schemas: $(RUNTIME)  ## write the JSON Schemas of YAML files again
+	@$(IN_VENV) docs/schema/generate.py
 
 demo-recording: $(RUNTIME)  ## simulate the bundled recording again
 	@rm -rf $(RECORDING)

@@ -68,6 +68,8 @@ setup(
         (f'share/{NAME}/config', sorted(glob('config/*.*'))),
         (f'share/{NAME}/config/gates', sorted(glob('config/gates/*.yaml'))),
         (f'share/{NAME}/config/suites', sorted(glob('config/suites/*.yaml'))),
+        # where the files above look for them, so that editors complete them
+        (f'share/{NAME}/docs/schema', sorted(glob('docs/schema/*.json'))),
         (f'share/{NAME}/launch', sorted(glob('launch/*.launch.py'))),
     ],
     entry_points={

@@ -149,6 +149,7 @@ def test_ros_finds_the_package_and_its_parameters(installed):
     assert {file.name for file in (share / 'vio_eval_ros/config').glob('*.yaml')} == {
         file.name for file in (ROOT / 'config').glob('*.yaml')
     }
+    assert (share / 'vio_eval_ros/config/../docs/schema/options.json').is_file()
 
 
 @pytest.mark.parametrize('verb', VERBS)
