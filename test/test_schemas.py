@@ -8,6 +8,7 @@ import json
 from pathlib import Path
 import re
 import textwrap
+from types import ModuleType
 from typing import Any
 
 from jsonschema import Draft202012Validator
@@ -19,10 +20,12 @@ import yaml
 from conftest import record, stamped
 from verbs import call, document, transcript
 from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.limits import Limits
 from vio_eval_ros.errors import VioEvalError
 from vio_eval_ros.inspection.expectations import Expectations
+from vio_eval_ros.inspection.limits import InspectionLimits
 from vio_eval_ros.scoring.suite import Suite
-from vio_eval_ros.settings import gates_of, options_of
+from vio_eval_ros.settings import gates_of, LIMITED, limits_of, options_of
 
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / 'docs' / 'schema'
@@ -57,6 +60,17 @@ sequences:
     ground_truth: /ground_truth/pose
     stack: {name: mine, version: '1'}
 """
+
+
+def generator() -> ModuleType:
+    """Return the module that generates schemas."""
+    spec = importlib.util.spec_from_file_location('generate', FOLDER / 'generate.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+GENERATE = generator()
 
 
 def problems(schema: str, content: Any) -> list[str]:
@@ -106,11 +120,16 @@ def test_every_schema_that_is_printed_has_a_file():
 
 
 def test_the_generated_schemas_are_up_to_date():
-    spec = importlib.util.spec_from_file_location('generate', FOLDER / 'generate.py')
-    module = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    for name, text in module.generated().items():
-        assert (FOLDER / name).read_text() == text, 'run python docs/schema/generate.py'
+    for name, text in GENERATE.generated().items():
+        assert (FOLDER / name).read_text() == text, 'run make schemas'
+
+
+def test_the_schema_of_limits_has_every_family():
+    for file in (ROOT / 'vio_eval_ros').glob('[!c]*/limits.py'):  # not those of core and cli
+        importlib.import_module(f'vio_eval_ros.{file.parent.name}.limits')
+    families = set(GENERATE.LIMITS.values())
+    assert families == {kind for kind in Limits.__subclasses__() if 'test' not in kind.__module__}
+    assert GENERATE.LIMITS.keys() <= set(LIMITED)
 
 
 def test_the_result_has_every_option():
@@ -204,6 +223,8 @@ def read(schema: str, file: Path) -> None:
     """Read a file as the verbs do."""
     if schema == 'options':
         EvaluationConfig.from_mapping(options_of(file))
+    elif schema == 'limits':
+        limits_of(InspectionLimits, 'inspect', 'drone', file)
     else:
         readers = {'gates': gates_of, 'expectations': Expectations.load, 'suite-file': Suite.load}
         readers[schema](file)
@@ -229,6 +250,7 @@ CASES = {
             EXPECTED,
             f'inspect:\n  ros__parameters:\n{textwrap.indent(EXPECTED, "    ")}',
         ],
+        'limits': ['inspect: {gap_s: 0.2}', '{}'],
         'suite-file': [RIGHT_SUITE, f'tags: easy\noptions: {{alignment: se3}}{RIGHT_SUITE}'],
     },
     'wrong': {
@@ -258,6 +280,7 @@ CASES = {
             EXPECTED.replace('[left, right]', '[left]'),
             EXPECTED.replace('topic: /cam2', ''),
         ],
+        'limits': ['inspect: {gap: 0.2}', 'inspect: {gap_s: long}', 'inspection: {gap_s: 1}'],
         'suite-file': [
             'options: {}',
             'sequences: []',

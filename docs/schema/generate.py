@@ -17,12 +17,16 @@ from typing import Any
 
 from vio_eval_ros.core.config import EvaluationConfig, Options
 from vio_eval_ros.core.evaluation import metric_names
+from vio_eval_ros.core.limits import Described, Limits
 from vio_eval_ros.inspection import expectations
+from vio_eval_ros.inspection.limits import InspectionLimits
 from vio_eval_ros.live.options import NodeConfig
 from vio_eval_ros.scoring import suite
 from vio_eval_ros.scoring.baseline import Rule
 
 Schema = dict[str, Any]
+#: verb to its limits
+LIMITS: dict[str, type[Limits]] = {'inspect': InspectionLimits}
 FOLDER = Path(__file__).resolve().parent
 DRAFT = 'https://json-schema.org/draft/2020-12/schema'
 NUMBER = {'type': 'number'}
@@ -263,11 +267,10 @@ def expectations_file() -> Schema:
         'max_skew_s': 'median difference of the stamps',
         'max_unsynchronised_ratio': 'frames without a partner over all',
     }
-    numbers = ('rate_hz', 'rate_tolerance', *expectations.LIMITS, *expectations.PAIR_LIMITS)
+    numbers = ('rate_hz', 'rate_tolerance', *expectations.FIGURES, *expectations.PAIR_FIGURES)
     assert set(meanings) == set(numbers)
     number = {name: described(NOT_NEGATIVE, meaning) for name, meaning in meanings.items()}
     number['rate_hz'] = {**number['rate_hz'], 'minimum': 0, 'exclusiveMinimum': 0}
-    number['rate_tolerance']['default'] = expectations.RATE_TOLERANCE
     stream = {
         'topic': described(TEXT, 'topic of the stream'),
         'level': level,
@@ -284,7 +287,7 @@ def expectations_file() -> Schema:
             'description': 'names of two cameras among the streams',
         },
         'level': level,
-        **{key: number[key] for key in expectations.PAIR_LIMITS},
+        **{key: number[key] for key in expectations.PAIR_FIGURES},
     }  # fmt: skip
     assert set(stream) == set(expectations.STREAM_KEYS)
     assert set(pair) == set(expectations.PAIR_KEYS)
@@ -309,10 +312,28 @@ def expectations_file() -> Schema:
     }
 
 
+def limits_file() -> Schema:
+    return {
+        'description': 'What counts as healthy: `--limits FILE`. One file serves all verbs.',
+        **table(
+            {
+                verb: table({item.name: limit(item) for item in kind.described()})
+                for verb, kind in LIMITS.items()
+            }
+        ),
+    }
+
+
+def limit(item: Described) -> Schema:
+    meaning = f'{item.meaning} [{item.unit}]' if item.unit else item.meaning
+    return {**NUMBER, 'default': item.value, 'description': meaning}
+
+
 FILES = {
     'bands': bands_file,
     'expectations': expectations_file,
     'gates': gates_file,
+    'limits': limits_file,
     'options': options_file,
     'suite-file': suite_file,
 }
