@@ -151,7 +151,7 @@ def test_blocks_join_without_losing_a_row(tmp_path, monkeypatch):
         (f'{ROW}\n\n# note\n2 0 0 x 0 0 0 1\n', "line 4: 'x' is not a number"),
         (f'{ROW}\n2 0 0 0 0 0 1\n', 'line 2: 7 columns, but 8'),
         (f'{ROW}\n2 0 0 0 0 0 0 1 9\n', 'line 2: 9 columns, but 8'),
-        (f'{ROW}\n1.2.3 0 0 0 0 0 0 1\n', 'line 2: a number has two decimal points'),
+        (f'{ROW}\n1.2.3 0 0 0 0 0 0 1\n', "line 2: '1.2.3' has two decimal points"),
         ('1-2 0 0 0 0 0 0 1\n', "line 1: '1-2' is not a number"),
         ('- 0 0 0 0 0 0 1\n', "line 1: '-' is not a number"),
         ('1 0 0 0 0 0 0 0x10\n', "line 1: '0x10' is not a number"),
@@ -159,6 +159,7 @@ def test_blocks_join_without_losing_a_row(tmp_path, monkeypatch):
         ('1 0 0 0 0 0 0 1.5abc\n', "line 1: '1.5abc' is not a number"),
         ('1 0 0 0 0 0 0 \xe4\n', 'is not a number'),
         ('1e30 0 0 0 0 0 0 1\n', 'line 1: a stamp is too large'),
+        (f'{ROW}\n# note\n99999999999999999999 0 0 0 0 0 0 1\n', 'line 3: a stamp is too large'),
         ('1,5 2,5 3,5 4,5 0,0 0,0 0,0 1,0\n', 'decimal commas'),
     ],
 )
@@ -181,10 +182,11 @@ def test_a_missing_file_is_named(tmp_path):
         read_text(tmp_path / 'nowhere.txt')
 
 
-def test_a_stamp_that_is_no_number_spoils_its_row_only(tmp_path):
+def test_a_stamp_that_is_not_a_number_spoils_its_row_only(tmp_path):
     rows = rows_of(tmp_path, f'nan 1 2 3 0 0 0 1\n{ROW}\n')
     assert np.isnan(rows.values[0]).all()
     assert rows.values[1, 1:4].tolist() == [0.1, -0.25, 3]
+    assert rows.nanoseconds(tmp_path, 's').tolist() == [0, 1403715524907143168]
 
 
 @pytest.mark.parametrize('gap', [',,', ', ,'])

@@ -376,12 +376,7 @@ def _signal(path: Path) -> tuple[np.ndarray, np.ndarray, int]:
     rows = read_text(path).rows
     if rows.values.shape[1] < 2:
         raise ReadError(path, 'a signal has two columns, time and value')
-    unit = next(
-        unit
-        for unit, limit in (('s', 1e11), ('ms', 1e14), ('us', 1e17), ('ns', math.inf))
-        if rows.largest_stamp < limit
-    )
-    stamps_ns, first = np.unique(rows.nanoseconds(path, unit), return_index=True)
+    stamps_ns, first = np.unique(rows.nanoseconds(path, rows.likely_unit), return_index=True)
     values = rows.values[first, 1]
     known = np.abs(values) < LARGEST
     if not known.any():

@@ -15,7 +15,8 @@ from vio_eval_ros.recordings.cdr import columns, Layout
 from vio_eval_ros.recordings.container import reading, Topic
 from vio_eval_ros.recordings.decoder import Blocks, Decoder
 from vio_eval_ros.recordings.progress import Progress, silent
-from vio_eval_ros.recordings.text import BadRow, line_of_row, parse, Rows, split_header
+from vio_eval_ros.recordings.rows import BadRow, parse, per_second, Rows, STAMP_UNITS
+from vio_eval_ros.recordings.text import split_header
 
 IMU = 'sensor_msgs/msg/Imu'
 # orientation, angular velocity and linear acceleration, each before its covariance
@@ -32,7 +33,7 @@ UNITS = {
     'gyro': {'rad/s': r'[\[(].*rad', 'deg/s': r'[\[(].*(deg|°|dps)'},
     'accel': {'m/s2': r'[\[(].*m */? *s', 'g': r'[\[(] *g *[\])]'},
 }
-LONGEST_STEP = {'s': 0.05, 'ms': 50.0, 'us': 50_000.0}
+LONGEST_STEP_S = 0.05  # between samples
 NAMES = ('time', 'gx', 'gy', 'gz', 'ax', 'ay', 'az')
 
 # Takes stamps (N,) int64 ns and samples (N, 6): gyroscope x y z, accelerometer x y z.
@@ -189,8 +190,7 @@ def _rows(path: Path, block: bytes, width: int, line: int) -> Rows | None:
     try:
         return parse(block, width)
     except BadRow as bad:
-        at = line + line_of_row(block, bad.row)
-        raise ReadError(path, f'line {at}: {bad.problem}') from None
+        raise ReadError(path, f'line {line + bad.line}: {bad.problem}') from None
 
 
 def _named(path: Path, header: bytes) -> _Columns:
@@ -230,4 +230,7 @@ def _stamp_unit(stamps: np.ndarray) -> str:
     stride = min(len(stamps) // 8 + 1, 64)  # over bursts of equal stamps
     steps = np.abs(np.diff(stamps[::stride])) / stride
     step = np.median(steps) if len(steps) else 0.0
-    return next((unit for unit, longest in LONGEST_STEP.items() if step <= longest), 'ns')
+    return next(
+        (unit for unit in STAMP_UNITS if step <= LONGEST_STEP_S * per_second(unit)),
+        'ns',
+    )

@@ -27,7 +27,8 @@ from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings.progress import Progress, silent
-from vio_eval_ros.recordings.text import read_text, STAMP_UNITS, TextFile
+from vio_eval_ros.recordings.rows import STAMP_UNITS
+from vio_eval_ros.recordings.text import read_text, TextFile
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -352,14 +353,9 @@ def _stamped(
 
 def _unit(read: TextFile) -> str:
     """Return the unit of stamps that their size shows; what a EuRoC csv has is nanoseconds."""
-    largest = read.rows.largest_stamp
     if read.kind == 'euroc':
-        return 's' if largest < 1e11 and read.rows.decimals.any() else 'ns'
-    return next(
-        unit
-        for unit, limit in (('s', 1e11), ('ms', 1e14), ('us', 1e17), ('ns', np.inf))
-        if largest < limit
-    )
+        return 's' if read.rows.likely_unit == 's' and read.rows.decimals.any() else 'ns'
+    return read.rows.likely_unit
 
 
 def _are_matrices(read: TextFile, times: Path | None) -> bool:
