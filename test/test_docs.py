@@ -1,11 +1,13 @@
 """What the documentation shows is what the program does."""
 
+import ast
 from dataclasses import fields
 from pathlib import Path
 import re
 
 import pytest
 
+from test_imports import LAYERS
 from verbs import call, transcript
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names
@@ -13,7 +15,9 @@ from vio_eval_ros.recordings.sources import STATEMENTS
 from vio_eval_ros.reports import REPORTS
 
 ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / 'vio_eval_ros'
 README = (ROOT / 'README.md').read_text()
+CONTRIBUTING = (ROOT / 'CONTRIBUTING.md').read_text()
 DOCUMENTS = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').glob('*.md'))]
 
 
@@ -50,6 +54,48 @@ def test_every_report_and_statement_is_in_the_readme():
         assert f'`{name}`' in README
     for name in STATEMENTS:
         assert f'?{name}=' in README
+
+
+def names_of(file: Path) -> set[str]:
+    """Return the names that a module defines, and the methods of its classes."""
+    found = set()
+    for node in ast.parse(file.read_text()).body:
+        if isinstance(node, (ast.FunctionDef, ast.ClassDef)):
+            found.add(node.name)
+        elif isinstance(node, (ast.Assign, ast.AnnAssign)):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            found |= {target.id for target in targets if isinstance(target, ast.Name)}
+        if isinstance(node, ast.ClassDef):
+            methods = (item for item in node.body if isinstance(item, ast.FunctionDef))
+            found |= {f'{node.name}.{item.name}' for item in methods}
+    return found
+
+
+def test_every_place_that_contributing_names_exists():
+    places = re.findall(r'([\w/]+\.py):([\w.]+)', CONTRIBUTING)
+    assert len(places) > 30
+    for file, name in places:
+        assert name in names_of(PACKAGE / file), f'{file}:{name}'
+    for file in re.findall(r'`((?:\w+/)*(?:\w+\.(?:py|yml|cff|rst|xml)|\w+/))`', CONTRIBUTING):
+        assert any((folder / file).exists() for folder in (PACKAGE, ROOT)), file
+
+
+def test_contributing_lists_every_package_in_the_order_of_the_layers():
+    section = CONTRIBUTING.split('## Where things are')[1].split('This is the order')[0]
+    listed = re.findall(r'^    (\w+)(?:/|\.py) ', section, re.MULTILINE)
+    small = {'errors', 'version'}
+    assert listed == [name for name in LAYERS if name not in small] + ['cli', 'ros']
+    for name, start in re.findall(
+        r'^    (\w+)/ .* start(?: reading)? at (\w+\.py)$', section, re.M
+    ):
+        assert (PACKAGE / name / start).is_file(), start
+
+
+def test_every_target_that_the_documents_make_exists():
+    targets = re.findall(r'^([a-z-]+):', (ROOT / 'Makefile').read_text(), re.MULTILINE)
+    for document in DOCUMENTS:
+        for target in re.findall(r'(?:^    |`)make ([a-z-]+)', document.read_text(), re.MULTILINE):
+            assert target in targets, (document.name, target)
 
 
 @pytest.mark.parametrize('document', DOCUMENTS, ids=lambda path: path.name)

@@ -32,6 +32,7 @@ from vio_eval_ros.scoring.scoring import compared, score_suite
 from vio_eval_ros.scoring.suite import Suite
 from vio_eval_ros.scoring.verification import Verification, verify
 from vio_eval_ros.simulation import simulate, write_recording
+from vio_eval_ros.version import __version__
 
 SCHEMA = Path(__file__).resolve().parents[2] / 'docs/schema/manifest-1.json'
 NO_STACK = Stack()
@@ -565,7 +566,7 @@ def test_other_versions_are_noted(folder):
     content['machine']['numpy'] = '1.26.4'
     found = verified(folder / 'manifest.json', content)
     assert reproduced(found)
-    assert 'vio_eval_ros was 0.0.7, is 0.1.0' in found.notes
+    assert f'vio_eval_ros was 0.0.7, is {__version__}' in found.notes
     assert any(note.startswith('numpy was 1.26.4, is ') for note in found.notes)
 
 
