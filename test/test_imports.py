@@ -26,8 +26,8 @@ LAYERS = {
     'rendering': {'core'},
     'recordings': {'core'},
     'diagnosis': {'core'},
-    'imu': {'core', 'rendering'},
-    # a recording is inspected by name, as a library and on the command line
+    # a recording is inspected, or its IMU analysed, by name: as a library and on the command line
+    'imu': {'core', 'recordings', 'rendering'},
     'inspection': {'core', 'recordings', 'rendering', 'settings'},
     'simulation': {'core', 'imu', 'rendering'},
     'evaluation': {'core', 'recordings'},

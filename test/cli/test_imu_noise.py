@@ -9,7 +9,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 
 from verbs import call, complaint, document, start, transcript
-from vio_eval_ros.cli import imu_noise as verb
+from vio_eval_ros.imu import recorded
 from vio_eval_ros.imu.simulated_noise import EUROC, simulate_noise
 
 pytest.importorskip('allantools')
@@ -103,7 +103,7 @@ def test_what_cannot_be_done_is_one_line_and_status_2(recording, file, arguments
     assert problem in complaint('imu_noise', *given)
 
 
-def test_a_kalibr_file_that_cannot_be_known_is_status_2_behind_the_result(file, tmp_path):
+def test_a_kalibr_file_that_cannot_be_known_is_status_2_after_the_result(file, tmp_path):
     short = tmp_path / 'short.csv'
     short.write_text(''.join(file.read_text().splitlines(keepends=True)[:2_000]))
     kalibr = tmp_path / 'imu.yaml'
@@ -116,6 +116,6 @@ def test_a_kalibr_file_that_cannot_be_known_is_status_2_behind_the_result(file, 
 
 @pytest.mark.parametrize('library', ['allantools', 'matplotlib', 'plotly'])
 def test_a_missing_library_is_named_before_anything_is_read(library, monkeypatch):
-    monkeypatch.setattr(verb, 'find_spec', lambda name: None if name == library else name)
+    monkeypatch.setattr(recorded, 'find_spec', lambda name: None if name == library else name)
     reports = ('--report=png:a.png', '--report=html:a.html')
     assert f'pip install {library}' in complaint('imu_noise', 'missing.csv', *reports)

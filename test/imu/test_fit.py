@@ -71,7 +71,7 @@ def test_white_noise_alone_gives_no_bias_instability_and_no_random_walk():
         assert np.isnan([fit.instability.value, fit.walk.value]).all()
         assert 'record longer' in fit.walk.reason
         assert fit.walk.high < 1e-5
-        assert not fit.misfit
+        assert not fit.residual
         assert not fit.ramp
 
 
@@ -134,7 +134,7 @@ def test_slow_oscillations_are_reported_as_more_than_the_model():
     times_s = np.arange(216_000) / 20.0
     white = simulate_axis(len(times_s), 20.0, Noise(1.7e-4, 0.0), np.random.default_rng(1))
     fit = fit_noise(allan_curve([white + 1e-4 * np.sin(2 * np.pi * times_s / 100)], 20.0))
-    excess, tau_s = fit.misfit
+    excess, tau_s = fit.residual
     assert abs(excess) > 0.1
     assert 5 < tau_s < 1500
 

@@ -17,7 +17,7 @@ def analysis():
     record = Record(HOSTILE)
     samples = simulate_noise(60_000, 50.0, EUROC, np.random.default_rng(2))
     record.add(10**18 + np.arange(60_000) * 20_000_000, samples)
-    return analyse(HOSTILE, record.finish(), {})
+    return analyse(HOSTILE, record.finish())
 
 
 def test_both_sensors_are_drawn_with_three_axes_their_intervals_and_fits(parsed, analysis):
@@ -45,7 +45,7 @@ def test_it_says_when_the_sensor_moved(parsed):
     samples[30_000:30_250, 0] += 0.5
     record = Record('moved')
     record.add(10**18 + np.arange(60_000) * 20_000_000, samples)
-    text = parsed(html_document(analyse('moved', record.finish(), {}))).text
+    text = parsed(html_document(analyse('moved', record.finish()))).text
     assert 'gyro_x changes in 2 of 1,200 seconds, beginning 600, 605 s after the start' in text
 
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from functools import partial
-from importlib.util import find_spec
 from pathlib import Path
 
+from vio_eval_ros.cli.limits import add_limits, chosen_limits
 from vio_eval_ros.cli.shell import Parser, progress, run
 from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
-from vio_eval_ros.errors import ConfigError, PASSED, UNABLE
-from vio_eval_ros.imu.analysis import analyse, Analysis, UNITS
+from vio_eval_ros.errors import PASSED, UNABLE
+from vio_eval_ros.imu.analysis import Analysis, UNITS
+from vio_eval_ros.imu.limits import ImuNoiseLimits
 from vio_eval_ros.imu.noise_page import html_document
 from vio_eval_ros.imu.noise_reports import json_document, kalibr_document, plot, table
-from vio_eval_ros.imu.record import Record
-from vio_eval_ros.recordings.imu import read_imu
+from vio_eval_ros.imu.recorded import imu_noise, require
 
 VERB = 'imu_noise'
 EXAMPLES = """
@@ -23,20 +23,19 @@ examples:
   imu_noise rest.mcap --topic /imu0 --report kalibr:imu.yaml --report html:noise.html
   imu_noise mav0/imu0/data.csv --report png:allan.png --json > noise.json
 
-The record should be of a sensor at rest and warmed up, several hours long. What it is too short
-to tell is null, with the reason.
+The sensor should be at rest and warmed up, the record several hours long. What the record is too
+short to determine is null, with the reason.
 
 formats of --report: html (interactive curves), png (the same as a picture), kalibr (Kalibr's
 imu.yaml), json
 
 exit status: 0 done, 2 could not be done
 """
-# takes the analysis and the topic of the IMU
-REPORTS: dict[str, Callable[[Analysis, str], str | bytes]] = {
-    'html': lambda analysis, topic: html_document(analysis),
-    'json': lambda analysis, topic: json_document(analysis),
+REPORTS: dict[str, Callable[[Analysis], str | bytes]] = {
+    'html': html_document,
+    'json': json_document,
     'kalibr': kalibr_document,
-    'png': lambda analysis, topic: plot(analysis),
+    'png': plot,
 }
 LIBRARIES = {'html': 'plotly', 'png': 'matplotlib'}
 
@@ -57,12 +56,14 @@ def _parser() -> Parser:
         '.csv of time, angular rates x y z and accelerations x y z, or with names in its header',
     )
     parser.add_argument('--topic', help='of the IMU (default: the only one there is)')
-    parser.add_argument(
-        '--gyro-unit', choices=UNITS['gyro'], help='of the record (default: told by magnitude)'
-    )
-    parser.add_argument(
-        '--accel-unit', choices=UNITS['accel'], help='of the record (default: told by magnitude)'
-    )
+    for kind, sensor in (('gyro', 'gyroscope'), ('accel', 'accelerometer')):
+        parser.add_argument(
+            f'--{kind}-unit',
+            choices=UNITS[kind],
+            help=f'of the {sensor} in the record (default: as its header states, else by its '
+            'magnitude)',
+        )
+    add_limits(parser.add_argument_group('limits'))
     output = parser.add_argument_group('output')
     add_reports(output, REPORTS)
     return parser
@@ -70,22 +71,20 @@ def _parser() -> Parser:
 
 def _imu_noise(arguments: argparse.Namespace) -> int:
     targets = [Target.parse(text, REPORTS) for text in arguments.report]
-    check_targets(targets, [arguments.record])
-    needed = {LIBRARIES[target.format] for target in targets if target.format in LIBRARIES}
-    for library in ('allantools', *sorted(needed)):  # asked before hours of samples are read
-        if find_spec(library) is None:
-            raise ConfigError(f"{library} is needed: pip install {library}, or the extra 'imu'")
-    record = Record(arguments.record)
-    source = read_imu(arguments.record, arguments.topic, record.add, progress)
-    stated = dict(source.units)
-    for kind in UNITS:
-        if getattr(arguments, f'{kind}_unit'):
-            stated[kind] = getattr(arguments, f'{kind}_unit')
-    analysis = analyse(str(source), record.finish(), stated)
+    inputs = [path for path in (arguments.record, arguments.limits) if path]
+    check_targets(targets, inputs)
+    formats = {target.format for target in targets}
+    for library in (LIBRARIES[name] for name in sorted(formats & LIBRARIES.keys())):
+        require(library)
+    analysis = imu_noise(
+        arguments.record,
+        arguments.topic,
+        gyro_unit=arguments.gyro_unit,
+        accel_unit=arguments.accel_unit,
+        limits=chosen_limits(arguments, VERB, ImuNoiseLimits),
+        profile=arguments.profile,
+        progress=progress,
+    )
     print(json_document(analysis) if arguments.json else table(analysis), end='', flush=True)
-    topic = source.topic or '/imu0'
-    done = [
-        written(VERB, target, partial(REPORTS[target.format], analysis, topic))
-        for target in targets
-    ]
+    done = [written(VERB, target, partial(REPORTS[target.format], analysis)) for target in targets]
     return PASSED if all(done) else UNABLE

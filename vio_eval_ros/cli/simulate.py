@@ -15,7 +15,8 @@ from vio_eval_ros.core.cleaning import clean, Cleaning
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError, PASSED
-from vio_eval_ros.imu.noise_reports import KALIBR, PARAMETERS
+from vio_eval_ros.imu.analysis import KALIBR
+from vio_eval_ros.imu.fit import PARAMETERS
 from vio_eval_ros.imu.simulated_noise import EUROC, ImuNoise, Noise
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.rendering.text import printable
@@ -99,7 +100,7 @@ def _parser() -> Parser:
     )
     for key, (kind, attribute) in KALIBR.items():
         default = getattr(getattr(EUROC, kind), attribute)
-        unit = PARAMETERS[attribute][1][kind]
+        unit = PARAMETERS[attribute].units[kind]
         flight.add_argument(
             NOISE_FLAGS[key], dest=key, metavar='X', help=f'in {unit} (default: {default:g})'
         )

@@ -1,5 +1,5 @@
 """
-The overlapping Allan deviation of a signal, and how far chance may have moved it.
+The overlapping Allan deviation of a signal, and its covariance.
 
 allantools, which computes it, is imported where it is used: it takes a second, and is an extra.
 """
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-PER_DECADE = 10
+TAUS_PER_DECADE = 10
 CONFIDENCE = 0.95
 
 
@@ -38,11 +38,11 @@ class Curve:
     """
     The Allan deviation of one axis.
 
-    :param factors: (T,) how many samples are averaged.
+    :param factors: (T,) numbers of samples averaged.
     :param deviations: (T,) in the unit of the samples.
-    :param terms: (T,) how many differences each is the mean square of.
+    :param terms: (T,) numbers of differences whose mean square each is.
     :param rate_hz: of the samples.
-    :param samples: how many there are.
+    :param samples: number of samples.
     """
 
     factors: np.ndarray
@@ -63,7 +63,7 @@ class Curve:
 
     def covariance(self, model: Variances) -> np.ndarray:
         """
-        Return how the Allan variances of noise of the model would scatter, (T, T).
+        Return the covariance of the Allan variances of noise of the model, (T, T).
 
         Each is the mean of the squares of a filtered signal. The covariance of two such means is
         2/n times the integral, over all frequencies, of the product of the filtered spectra: the
@@ -74,9 +74,9 @@ class Curve:
 
     @cached_property
     def _products(self) -> np.ndarray:
-        """(3, 3, T, T) integrals of filtered spectra, for each pair of terms of unit size."""
+        """(3, 3, T, T) integrals of filtered spectra, for each pair of terms at unit size."""
         factors = self.factors[:, None].astype(float)
-        # cycles a sample; what is slower than a thirtieth of the longest time does not matter
+        # cycles per sample; what is slower than a thirtieth of the longest time does not matter
         frequencies = np.geomspace(min(1 / (30 * factors[-1, 0]), 0.1), 0.5, 4000)
         gain = 2 * np.sin(np.pi * frequencies)
         filters = (2 * np.sin(np.pi * frequencies * factors)) ** 4 / (2 * factors**2 * gain**2)
@@ -91,7 +91,7 @@ class Curve:
 
 
 def interval(deviation: float, freedom: float) -> tuple[float, float]:
-    """Return the 95 % confidence interval of a deviation with some degrees of freedom."""
+    """Return the 95 % confidence interval of a deviation with ``freedom`` degrees of freedom."""
     from allantools import confidence_interval
 
     low, high = confidence_interval(deviation, freedom, CONFIDENCE)
@@ -100,10 +100,10 @@ def interval(deviation: float, freedom: float) -> tuple[float, float]:
 
 def allan_curve(segments: Iterable[np.ndarray], rate_hz: float) -> Curve:
     """
-    Return the overlapping Allan deviation at ten averaging times a decade.
+    Return the overlapping Allan deviation at ten averaging times per decade.
 
     They go up to a quarter of the record, as usual, or to where gaps leave half of it. Segments
-    are pooled: each counts as much as it has differences.
+    are pooled, weighted by their numbers of differences.
 
     :param segments: (n,) arrays of evenly spaced samples, without gaps.
     """
@@ -131,9 +131,9 @@ def _segment(
 ) -> tuple[list[int], list[float], list[int]]:
     """Return factors, deviations and numbers of terms of one segment."""
     longest = max(len(values) // 4, 1)
-    count = int(PER_DECADE * np.log10(longest)) + 1
+    count = int(TAUS_PER_DECADE * np.log10(longest)) + 1
     # the same factors for every segment
-    factors = np.unique(np.rint(10 ** (np.arange(count) / PER_DECADE)))
+    factors = np.unique(np.rint(10 ** (np.arange(count) / TAUS_PER_DECADE)))
     factors = factors[2 * factors < len(values)]
     if not len(factors):
         return [], [], []

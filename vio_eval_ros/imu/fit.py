@@ -2,9 +2,9 @@
 White noise density, bias instability and random walk, fitted to an Allan deviation.
 
 All three terms are fitted together to the Allan variance, which is linear in their squares, so
-that none is read off where another disturbs it. A term that does not stand out is left out and
-the others are fitted again: kept at a value that is chance, but cannot be negative, it would take
-from its neighbours on average.
+that none is read where another disturbs it. A term that is not significant is left out and the
+others are fitted again: chance would give it a value, which cannot be negative, at the expense of
+its neighbours.
 """
 
 from __future__ import annotations
@@ -15,26 +15,46 @@ from typing import NamedTuple
 import numpy as np
 
 from vio_eval_ros.imu.allan import Curve, interval, Variances
+from vio_eval_ros.imu.limits import ImuNoiseLimits
 
 FLAT = 2 * np.log(2) / np.pi  # the Allan variance of flicker noise over B²: 0.664²
-# of the parameters of a Fit, as documents have them
-NAMES = {
-    'density': 'white_noise_density',
-    'instability': 'bias_instability',
-    'walk': 'random_walk',
-}
-NORMAL_95 = 1.96  # standard deviations
-SIGNIFICANT = 3.0  # standard deviations of chance that a term must exceed
-CERTAIN = 2.0  # standard deviations of its own that the square of a term must be above zero
 WALK, RAMP = 2, 3  # the columns of a random walk and of a steady drift
-FLOOR = 0.02  # of a variance: no real sensor follows the model more closely
-POINTS = 8  # fewer cannot tell three terms apart
-WHITE, NEAR = -0.5, 0.02  # the slope of white noise, and how close to it is
-SURE = 0.1  # a slope with a larger error does not tell where white noise begins
-MISFIT = 0.1
-# Share of missing samples. The rate of a sensor that loses half of its samples cannot be told,
-# and so many seem to be missing then.
-MOST_MISSING = 0.15
+SIGMAS_95 = 1.96  # standard deviations in half of a 95 % confidence interval
+MODEL_ERROR = 0.02  # of a variance: no real sensor follows the model more closely
+WHITE_SLOPE, SLOPE_TOLERANCE = -0.5, 0.02  # of the Allan deviation, logarithmic
+MAX_SLOPE_ERROR = 0.1  # a slope known less well does not show where white noise begins
+RESIDUAL_SIGMAS = 3  # of the curve, that chance explains
+ITERATIONS = 5  # of weights that depend on the result
+
+SI = {'gyro': 'rad/s', 'accel': 'm/s2'}
+
+
+class Quantity(NamedTuple):
+    """
+    What a parameter of the noise is called in reports.
+
+    :param units: of 'gyro' and of 'accel'.
+    :param read_at_tau_s: the averaging time at which its line is read off the curve.
+    """
+
+    name: str
+    units: dict[str, str]
+    read_at_tau_s: float | None
+
+    @property
+    def label(self) -> str:
+        """The name in words."""
+        return self.name.replace('_', ' ')
+
+
+#: The parameters of a fit, by attribute.
+PARAMETERS = {
+    'density': Quantity(
+        'white_noise_density', {'gyro': 'rad/s/sqrt(Hz)', 'accel': 'm/s2/sqrt(Hz)'}, 1.0
+    ),
+    'instability': Quantity('bias_instability', SI, None),
+    'walk': Quantity('random_walk', {'gyro': 'rad/s2/sqrt(Hz)', 'accel': 'm/s3/sqrt(Hz)'}, 3.0),
+}
 
 
 @dataclass(frozen=True)
@@ -42,12 +62,12 @@ class Parameter:
     """
     One parameter of the noise.
 
-    :param value: NaN where it cannot be told; ``reason`` says why.
-    :param low: end of the 95 % confidence interval, as ``high``; of a parameter that cannot be
-        told, low is NaN and high an upper limit, NaN where there is none.
-    :param dominates_s: from and up to which averaging time its term is the largest; None where
-        it nowhere is.
-    :param too_short: whether it cannot be told because the record is too short for it.
+    :param value: NaN where it cannot be determined; ``reason`` says why.
+    :param low: end of the 95 % confidence interval, as is ``high``. Where there is no value, low
+        is NaN and high an upper limit, NaN where there is none.
+    :param dominates_s: first and last averaging time at which its term is the largest; None
+        where it never is.
+    :param too_short: whether it cannot be determined because the record is too short.
     """
 
     value: float = np.nan
@@ -61,7 +81,7 @@ class Parameter:
 @dataclass(frozen=True, eq=False)
 class Fit:
     """
-    What was fitted to a curve; u is the unit of its samples.
+    The noise fitted to a curve; u is the unit of its samples.
 
     :param density: N, u/√Hz, the white noise line at τ = 1 s.
     :param instability: B, u; the flat part of the curve is at 0.664 B.
@@ -69,9 +89,9 @@ class Fit:
     :param range_s: the averaging times that were fitted; None where there were too few.
     :param deviations: (T,) of the fit at each averaging time of the curve.
     :param scatter: (T,) relative standard deviation of the curve's deviations.
-    :param misfit: how far the curve is off the fit where it is farthest, and at which averaging
-        time, if that is more than chance; -0.2 is 20 % below.
-    :param ramp: whether the curve rises faster than a random walk lets it.
+    :param residual: the largest relative distance of the curve from the fit, and its averaging
+        time, where it is beyond the limit and chance; -0.2 is 20 % below.
+    :param ramp: whether the curve rises faster than under a random walk.
     """
 
     density: Parameter
@@ -80,53 +100,42 @@ class Fit:
     range_s: tuple[float, float] | None
     deviations: np.ndarray
     scatter: np.ndarray
-    misfit: tuple[float, float] | None
+    residual: tuple[float, float] | None
     ramp: bool
 
 
-def fit_noise(curve: Curve, missing: float = 0.0) -> Fit:
+def fit_noise(curve: Curve, missing: float = 0.0, limits: ImuNoiseLimits | None = None) -> Fit:
     """
     Return the noise parameters of a curve.
 
-    :param missing: which share of the samples is missing, with the others passed for neighbours
-        and the rate of the curve that of those: what a full record would have of white noise is
-        told, whatever is left of it.
+    :param missing: share of the samples that is missing, where those on either side are taken for
+        neighbours and the rate of the curve is that of the samples there are. The density is
+        that of a full record.
     """
-    if missing > MOST_MISSING:
+    limits = limits or ImuNoiseLimits()
+    if missing > limits.max_missing_ratio:
         reason = f'{100 * missing:.0f} % of the samples are missing'
-        return _nothing(curve, Parameter(reason=reason))
+        return _without_fit(curve, Parameter(reason=reason))
     if not curve.deviations.all():
-        return _nothing(curve, Parameter(reason='its value never changes'))
-    used = fitted(curve)
-    if used.sum() < POINTS:
+        return _without_fit(curve, Parameter(reason='its value never changes'))
+    used = fit_range(curve)
+    if used.sum() < limits.min_averaging_times:
         seconds = curve.samples / curve.rate_hz
         reason = f'the record is too short: {seconds:.3g} s without long gaps'
-        return _nothing(curve, Parameter(reason=reason, too_short=True))
-    best = _estimate(curve, used, [0, 1, 2])
-    limits = np.sqrt(np.maximum(best.squares, 0) + NORMAL_95 * best.spreads)
-    lowest = np.flatnonzero(used)[curve.variances[used].argmin()]
-    at_most = curve.variances[lowest] + NORMAL_95 * np.sqrt(best.covariance[lowest, lowest])
-    limits[1] = min(limits[1], np.sqrt(at_most / FLAT))
-    while len(best.kept) > 1:
-        weakest = best.kept[int(best.strength.argmin())]
-        without = _estimate(curve, used, [term for term in best.kept if term != weakest])
-        if _stands_out(curve, used, without, weakest):
-            break
-        best = without
+        return _without_fit(curve, Parameter(reason=reason, too_short=True))
+    whole = _estimate(curve, used, [0, 1, 2])
+    best = _significant(curve, used, whole, limits)
 
-    taus_s = curve.taus_s
-    range_s = float(taus_s[used][0]), float(taus_s[used][-1])
+    range_s = float(curve.taus_s[used][0]), float(curve.taus_s[used][-1])
     parts = _basis(curve)[:, :3] * best.squares.clip(min=0)
     variances = parts.sum(axis=1)
     scatter = np.sqrt(np.diag(best.covariance)) / variances / 2
-    excess = curve.deviations / np.sqrt(variances) - 1
-    odd = np.where(used & (np.abs(excess) > MISFIT + 3 * scatter), np.abs(excess), 0)
-    worst = int(odd.argmax())
+    upper = _upper_limits(curve, used, whole)
     density, instability, walk = (
-        _told(best.squares[term], best.spreads[term], taus_s[used], parts[used], term)
+        _parameter(best, term, curve.taus_s[used], parts[used], limits)
         if term in best.kept
         else Parameter(
-            high=float(limits[term]), reason=_reason(term, range_s), too_short=term == WALK
+            high=float(upper[term]), reason=_reason(term, range_s), too_short=term == WALK
         )
         for term in range(3)
     )
@@ -137,12 +146,12 @@ def fit_noise(curve: Curve, missing: float = 0.0) -> Fit:
         range_s=range_s,
         deviations=np.sqrt(variances),
         scatter=scatter,
-        misfit=(float(excess[worst]), float(taus_s[worst])) if odd.any() else None,
-        ramp=_stands_out(curve, used, best, RAMP),
+        residual=_residual(curve, used, variances, scatter, limits),
+        ramp=_is_significant(curve, used, best, RAMP, limits),
     )
 
 
-def fitted(curve: Curve) -> np.ndarray:
+def fit_range(curve: Curve) -> np.ndarray:
     """
     Return which averaging times are fitted, (T,) bool.
 
@@ -152,14 +161,14 @@ def fitted(curve: Curve) -> np.ndarray:
     """
     long_enough = 4 * curve.terms >= 3 * curve.samples
     slopes, errors = _slopes(curve)
-    sure = np.logical_and.accumulate(long_enough[: len(slopes)] & (errors < SURE))
-    slopes, errors = slopes[sure], errors[sure]
+    known = np.logical_and.accumulate(long_enough[: len(slopes)] & (errors < MAX_SLOPE_ERROR))
+    slopes, errors = slopes[known], errors[known]
     if not len(slopes):
         return long_enough
-    steep = np.flatnonzero(slopes < WHITE - NEAR - 3 * errors)
+    steep = np.flatnonzero(slopes < WHITE_SLOPE - SLOPE_TOLERANCE - 3 * errors)
     first = min(steep[-1] + 1, len(slopes) - 1) if len(steep) else 0
-    level = max(slopes[first:].min(), WHITE)
-    first += int(np.flatnonzero(slopes[first:] <= level + NEAR + errors[first:])[0])
+    level = max(slopes[first:].min(), WHITE_SLOPE)
+    first += int(np.flatnonzero(slopes[first:] <= level + SLOPE_TOLERANCE + errors[first:])[0])
     return long_enough & (np.arange(len(long_enough)) >= first)
 
 
@@ -189,9 +198,9 @@ def _basis(curve: Curve) -> np.ndarray:
 
 class _Estimate(NamedTuple):
     """
-    The squares of the terms that were kept, and what is known of their errors.
+    The squares of the terms that were kept, and their errors.
 
-    :param squares: (3,), 0 of the others.
+    :param squares: (3,), 0 for the others.
     :param spreads: (3,) standard deviations.
     :param covariance: (T, T) of the Allan variances, were the estimate true.
     """
@@ -212,38 +221,79 @@ def _estimate(curve: Curve, used: np.ndarray, kept: list[int]) -> _Estimate:
     terms, found = _basis(curve)[np.ix_(used, np.array(kept))], curve.variances[used]
     squares, spreads = np.zeros(3), np.zeros(3)
     gain = _gain(terms, found)
-    for _ in range(5):
+    for _ in range(ITERATIONS):
         squares[kept] = gain @ found
         covariance = curve.covariance(Variances(*squares.clip(min=0).tolist()))
         inside = covariance[np.ix_(used, used)]
-        gain = _gain(terms, np.sqrt(np.diag(inside) + (FLOOR * found) ** 2))
+        gain = _gain(terms, np.sqrt(np.diag(inside) + (MODEL_ERROR * found) ** 2))
     squares[kept] = gain @ found
     spreads[kept] = np.sqrt(np.diag(gain @ inside @ gain.T))
     return _Estimate(kept, squares, spreads, covariance)
 
 
 def _gain(terms: np.ndarray, errors: np.ndarray) -> np.ndarray:
-    """Return what makes coefficients of Allan variances with these standard errors."""
+    """Return the matrix from Allan variances with these standard errors to coefficients."""
     weighted = terms / errors[:, None]
     scale = np.linalg.norm(weighted, axis=0)
     return np.asarray(np.linalg.pinv(weighted / scale) / scale[:, None] / errors)
 
 
-def _stands_out(curve: Curve, used: np.ndarray, without: _Estimate, term: int) -> bool:
-    """Return whether a further term is more than chance would make of those of an estimate."""
+def _significant(
+    curve: Curve, used: np.ndarray, whole: _Estimate, limits: ImuNoiseLimits
+) -> _Estimate:
+    """Return the estimate without its weakest terms, as long as chance explains them."""
+    best = whole
+    while len(best.kept) > 1:
+        weakest = best.kept[int(best.strength.argmin())]
+        without = _estimate(curve, used, [term for term in best.kept if term != weakest])
+        if _is_significant(curve, used, without, weakest, limits):
+            break
+        best = without
+    return best
+
+
+def _is_significant(
+    curve: Curve, used: np.ndarray, without: _Estimate, term: int, limits: ImuNoiseLimits
+) -> bool:
+    """Return whether a further term is more than chance would add to an estimate."""
     found, inside = curve.variances[used], without.covariance[np.ix_(used, used)]
     terms = _basis(curve)[np.ix_(used, np.array([*without.kept, term]))]
-    gain = _gain(terms, np.sqrt(np.diag(inside) + (FLOOR * found) ** 2))[-1]
-    return bool(gain @ found > SIGNIFICANT * np.sqrt(gain @ inside @ gain))
+    gain = _gain(terms, np.sqrt(np.diag(inside) + (MODEL_ERROR * found) ** 2))[-1]
+    return bool(gain @ found > limits.detection_sigmas * np.sqrt(gain @ inside @ gain))
 
 
-def _told(
-    square: float, spread: float, taus_s: np.ndarray, parts: np.ndarray, term: int
+def _upper_limits(curve: Curve, used: np.ndarray, whole: _Estimate) -> np.ndarray:
+    """Return what each term is at most, (3,), by the estimate of all three."""
+    upper = np.sqrt(np.maximum(whole.squares, 0) + SIGMAS_95 * whole.spreads)
+    lowest = np.flatnonzero(used)[curve.variances[used].argmin()]
+    at_most = curve.variances[lowest] + SIGMAS_95 * np.sqrt(whole.covariance[lowest, lowest])
+    upper[1] = min(upper[1], np.sqrt(at_most / FLAT))
+    return np.asarray(upper)
+
+
+def _residual(
+    curve: Curve,
+    used: np.ndarray,
+    variances: np.ndarray,
+    scatter: np.ndarray,
+    limits: ImuNoiseLimits,
+) -> tuple[float, float] | None:
+    """Return the largest residual beyond the limit and its averaging time, if there is one."""
+    excess = curve.deviations / np.sqrt(variances) - 1
+    allowed = limits.residual_ratio + RESIDUAL_SIGMAS * scatter
+    beyond = np.where(used & (np.abs(excess) > allowed), np.abs(excess), 0)
+    worst = int(beyond.argmax())
+    return (float(excess[worst]), float(curve.taus_s[worst])) if beyond.any() else None
+
+
+def _parameter(
+    estimate: _Estimate, term: int, taus_s: np.ndarray, parts: np.ndarray, limits: ImuNoiseLimits
 ) -> Parameter:
-    """Return a parameter whose term was kept."""
+    """Return the parameter of a term that was kept."""
+    square, spread = estimate.squares[term], estimate.spreads[term]
     low, high = interval(np.sqrt(max(square, 0)), 2 * (square / spread) ** 2)
-    if square < CERTAIN * spread:
-        reason = 'it is there, but how large cannot be told; record longer'
+    if square < limits.certainty_sigmas * spread:
+        reason = 'it is present, but its size cannot be determined; record longer'
         return Parameter(high=high, reason=reason, too_short=True)
     largest = taus_s[parts.argmax(axis=1) == term]
     dominates_s = (float(largest[0]), float(largest[-1])) if len(largest) else None
@@ -261,13 +311,22 @@ def _reason(term: int, range_s: tuple[float, float]) -> str:
     """Return why a term was left out."""
     first, last = (f'{tau_s:.3g} s' for tau_s in range_s)
     return (
-        f'nowhere from τ = {first} on does the curve fall as white noise does',
+        f'from τ = {first} on, the curve nowhere falls as white noise does',
         'there is no flat part that white noise and random walk do not explain',
         f'it does not rise above the other noise up to τ = {last}, the longest that the '
         'record supports; record longer',
     )[term]
 
 
-def _nothing(curve: Curve, unknown: Parameter) -> Fit:
+def _without_fit(curve: Curve, unknown: Parameter) -> Fit:
     nan = np.full(len(curve.factors), np.nan)
-    return Fit(unknown, unknown, unknown, None, nan, nan, None, False)
+    return Fit(
+        unknown,
+        unknown,
+        unknown,
+        range_s=None,
+        deviations=nan,
+        scatter=nan,
+        residual=None,
+        ramp=False,
+    )

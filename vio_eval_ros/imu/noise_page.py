@@ -1,4 +1,4 @@
-"""The noise of an IMU as a page: curves to look at, and what was read from them."""
+"""The noise of an IMU as a page: its curves and parameters."""
 
 from __future__ import annotations
 
@@ -8,15 +8,8 @@ from typing import Any
 import numpy as np
 
 from vio_eval_ros.imu.analysis import Analysis, Axis
-from vio_eval_ros.imu.noise_reports import (
-    band,
-    cell,
-    fitted_range,
-    PARAMETERS,
-    reasons,
-    record_line,
-    UNIT,
-)
+from vio_eval_ros.imu.fit import PARAMETERS, SI
+from vio_eval_ros.imu.noise_reports import cell, fitted_range, reasons, record_line
 from vio_eval_ros.rendering.figures import axis, layout
 from vio_eval_ros.rendering.page import Html, page, plot, swatch, table, tag, warnings
 
@@ -25,14 +18,14 @@ TITLES = {'gyro': 'Gyroscope', 'accel': 'Accelerometer'}
 
 
 def html_document(analysis: Analysis) -> str:
-    """Return a page of the curves, the parameters and what makes them doubtful."""
+    """Return a page of the curves, the parameters and the warnings."""
     legend = [part for name in COLOURS for part in (swatch(COLOURS[name]), name)]
     return page(
         f'{analysis.source}: IMU noise',
         tag('header', tag('div', tag('h1', analysis.source), tag('p', record_line(analysis)))),
         warnings(analysis.warnings),
         tag('h2', 'Overlapping Allan deviation'),
-        tag('p', *legend, '; with 95 % confidence; dashed: the fit, as far as it goes'),
+        tag('p', *legend, '; shaded: 95 % confidence; dashed: the fit, over its range'),
         tag(
             'div',
             *(
@@ -47,7 +40,7 @@ def html_document(analysis: Analysis) -> str:
 
 def _parameters(analysis: Analysis, kind: str) -> Iterator[Html]:
     yield tag('h2', TITLES[kind])
-    heads = [f'{name.replace("_", " ")} [{unit[kind]}]' for name, unit, _ in PARAMETERS.values()]
+    heads = [f'{one.label} [{one.units[kind]}]' for one in PARAMETERS.values()]
     fits = {name[-1]: one.fit for name, one in analysis.axes.items() if name.startswith(kind)}
     rows = [
         [letter, *(cell(getattr(fit, attribute)) for attribute in PARAMETERS), fitted_range(fit)]
@@ -60,21 +53,21 @@ def _parameters(analysis: Analysis, kind: str) -> Iterator[Html]:
 
 
 def _curves(analysis: Analysis, kind: str) -> dict[str, Any]:
-    """Return the figure of one sensor: three curves, their confidence and their fits."""
+    """Return the figure of one sensor: three curves with confidence and fit."""
     data: list[dict[str, Any]] = []
     for letter, colour in COLOURS.items():
-        data += _curve(analysis.axes[f'{kind}_{letter}'], letter, colour, UNIT[kind])
+        data += _curve(analysis.axes[f'{kind}_{letter}'], letter, colour, SI[kind])
     return {
         'data': data,
         'layout': layout(
             xaxis=axis('averaging time τ [s]', type='log', dtick=1),
-            yaxis=axis(UNIT[kind].replace('s2', 's²'), type='log', dtick=1),
+            yaxis=axis(SI[kind].replace('s2', 's²'), type='log', dtick=1),
         ),
     }
 
 
 def _curve(one: Axis, letter: str, colour: str, unit: str) -> Iterator[dict[str, Any]]:
-    taus_s, (low, high) = one.curve.taus_s, band(one)
+    taus_s, (low, high) = one.curve.taus_s, one.band
     known = np.isfinite(low) & np.isfinite(high)
     yield {
         'x': [*taus_s[known].tolist(), *taus_s[known][::-1].tolist()],

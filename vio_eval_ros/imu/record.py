@@ -1,9 +1,9 @@
 """
 A record of an IMU, put in order while it is read, in memory that does not grow with its length.
 
-Samples are sorted by stamp, repeats are left out, a few lost samples are passed over and longer
-gaps cut the record into segments. Of a record longer than the capacity, first two, then four and
-so on consecutive samples are averaged into one, which leaves longer averaging times as they are.
+Samples are sorted by stamp, repeats are left out, a few lost samples are bridged and longer gaps
+cut the record into segments. Where a record exceeds the capacity, first two, then four and so on
+consecutive samples are averaged into one, which leaves longer averaging times as they are.
 """
 
 from __future__ import annotations
@@ -16,33 +16,34 @@ import numpy as np
 
 from vio_eval_ros.core.sensor_stream import LARGEST
 from vio_eval_ros.errors import ReadError
+from vio_eval_ros.imu.limits import ImuNoiseLimits
 
 AXES = ('gyro_x', 'gyro_y', 'gyro_z', 'accel_x', 'accel_y', 'accel_z')
 CAPACITY = 6_000_000  # samples kept: 8 h at 200 Hz, 288 MB
-HELD = 1 << 16  # samples held back for others that come late
-NEAR = 16  # samples on either side of a suspected gap that tell whether it is one
-FEWEST = 10
-PASSED_OVER = 10  # lost in a row at most
-NO_NUMBERS = 'NaN, infinite or above 1e12'
-STANDING = 'its stamps stand still; have the driver set them'
+SORTED_SAMPLES = 1 << 16  # held back, to sort in those that come late
+GAP_NEIGHBOURS = 16  # samples on either side of a long step, which show whether it is a gap
+MIN_SAMPLES = 10
+PERIOD_STRIDE = 64  # samples over which the period is first taken: more than a burst has
+NOT_NUMBERS = 'NaN, infinite or above 1e12'
+CONSTANT_STAMPS = 'its stamps do not advance; have the driver set them'
 
 
 @dataclass
 class Counts:
     """
-    What was found in a record, in samples but for the gaps.
+    Numbers of samples, and of gaps, in a record.
 
     :param samples: read.
-    :param unsorted: came behind others with a later stamp, and were sorted.
+    :param unsorted: came after others with a later stamp, and were sorted.
     :param late: came too late for that, and were left out.
-    :param not_finite: were left out for a NaN, an infinity or a number above 1e12.
-    :param repeated: had stamp and values of the one before, and were left out.
-    :param equal_stamps: had the stamp of the one before, but other values.
-    :param missing: were lost, at most ten in a row; those on either side are taken to follow each
-        other, which leaves white noise as it is.
-    :param gaps: longer ones, which cut the record.
+    :param not_finite: left out for a NaN, an infinity or a number above 1e12.
+    :param repeated: left out since they had stamp and values of the previous one.
+    :param equal_stamps: had the stamp of the previous one, but other values.
+    :param missing: lost, few enough in a row to be bridged: those on either side are taken to
+        follow each other, which leaves white noise as it is.
+    :param gaps: longer losses, which cut the record.
     :param lost: in those gaps.
-    :param cut: left out to average whole groups.
+    :param cut: left out so that whole groups are averaged.
     """
 
     samples: int = 0
@@ -59,10 +60,10 @@ class Counts:
 
 class Segment(NamedTuple):
     """
-    What lies between two gaps.
+    The samples between two gaps.
 
     :param begin_s: after the first stamp of the record, as is ``end_s``.
-    :param parts: (6, n), one row an axis of ``AXES``.
+    :param parts: (6, n) each, a row per axis of ``AXES``.
     """
 
     begin_s: float
@@ -71,17 +72,17 @@ class Segment(NamedTuple):
 
     @property
     def length(self) -> int:
-        """How many samples it has."""
+        """Number of samples."""
         return sum(part.shape[1] for part in self.parts)
 
 
 @dataclass(frozen=True, eq=False)
 class Signal:
     """
-    Evenly spaced samples, but for those that are missing.
+    Evenly spaced samples, except for those that are missing.
 
-    :param rate_hz: at which the sensor makes them, averaged as they are.
-    :param averaged: how many recorded samples each of them is the average of.
+    :param rate_hz: at which the sensor makes them, after averaging.
+    :param averaged: how many recorded samples each is the average of.
     :param first_ns: stamp of the first.
     """
 
@@ -93,18 +94,18 @@ class Signal:
 
     @property
     def missing(self) -> float:
-        """Which share of the samples is missing."""
+        """The share of the samples that is missing."""
         there = self.averaged * sum(segment.length for segment in self.segments)
         return self.counts.missing / (self.counts.missing + there)
 
     @property
     def mean_rate_hz(self) -> float:
-        """The rate of the samples that are there."""
+        """The rate of the samples that are present."""
         return self.rate_hz * (1 - self.missing)
 
     @property
     def duration_s(self) -> float:
-        """The length of all segments together."""
+        """The duration of all segments together."""
         return sum(segment.length for segment in self.segments) / self.mean_rate_hz
 
     def axis(self, index: int) -> Iterator[np.ndarray]:
@@ -113,7 +114,7 @@ class Signal:
             yield np.concatenate([part[index] for part in segment.parts])
 
     def times_s(self, size: int) -> np.ndarray:
-        """Return when each group of some samples begins, counted within segments."""
+        """Return when each group of ``size`` samples begins, counted within segments."""
         return np.concatenate(
             [
                 begin_s + (end_s - begin_s) * size / count * np.arange(count // size)
@@ -130,32 +131,33 @@ class Record:
     Takes the samples of an IMU in blocks, as they come.
 
     :param source: what an error names.
-    :param capacity: how many samples are kept.
+    :param capacity: number of samples kept.
     """
 
     source: object
     capacity: int = CAPACITY
+    limits: ImuNoiseLimits = field(default_factory=ImuNoiseLimits)
     counts: Counts = field(default_factory=Counts)
 
     def __post_init__(self) -> None:
         self._blocks: list[tuple[np.ndarray, np.ndarray]] = []
         self._waiting = 0
-        # the last samples that were taken over, to compare the next with
-        self._behind = np.empty(0, np.int64), np.empty((0, 6))
+        # the last samples taken over, to compare the next with
+        self._previous = np.empty(0, np.int64), np.empty((0, 6))
         self._period_ns = 0.0
         self._edges_ns: list[int] = []  # first and last stamp of each segment
         self._elapsed_ns, self._intervals = 0, 0
         self._averaged = 1
         self._segments: list[list[np.ndarray]] = [[]]
         self._kept = 0
-        self._rest = np.empty((0, 6))
+        self._remainder = np.empty((0, 6))
 
     def add(self, stamps_ns: np.ndarray, samples: np.ndarray) -> None:
         """
         Take a block of samples.
 
         :param stamps_ns: (N,) int64.
-        :param samples: (N, 6), a column an axis of ``AXES``.
+        :param samples: (N, 6), a column per axis of ``AXES``.
         """
         self.counts.samples += len(stamps_ns)
         finite = (np.abs(samples) < LARGEST).all(axis=1)
@@ -164,27 +166,27 @@ class Record:
             stamps_ns, samples = stamps_ns[finite], samples[finite]
         self._blocks.append((stamps_ns, samples))
         self._waiting += len(stamps_ns)
-        if self._waiting >= 2 * HELD:
-            self._take_over(HELD)
+        if self._waiting >= 2 * SORTED_SAMPLES:
+            self._take_over(SORTED_SAMPLES)
 
     def finish(self) -> Signal:
         """
         Return all that was taken.
 
-        :raises ReadError: too few samples, or stamps that stand still.
+        :raises ReadError: too few samples, or stamps that do not advance.
         """
         self._take_over(0)
-        if self._intervals < FEWEST - 1:
+        if self._intervals < MIN_SAMPLES - 1:
             left_out = self.counts.not_finite
             raise ReadError(
                 self.source,
-                f'there are fewer than {FEWEST} samples with stamps'
-                + (f'; left out: {left_out:,} {NO_NUMBERS}' if left_out else ''),
+                f'there are fewer than {MIN_SAMPLES} samples with stamps'
+                + (f'; left out: {left_out:,} {NOT_NUMBERS}' if left_out else ''),
             )
         if not self._elapsed_ns:
-            raise ReadError(self.source, STANDING)
+            raise ReadError(self.source, CONSTANT_STAMPS)
         self._close()
-        self._edges_ns.append(int(self._behind[0][-1]))
+        self._edges_ns.append(int(self._previous[0][-1]))
         edges_s = (np.array(self._edges_ns).reshape(-1, 2) - self._edges_ns[0]) / 1e9
         segments = [
             Segment(begin_s, end_s, parts)
@@ -196,9 +198,9 @@ class Record:
         return Signal(rate_hz, self._averaged, self._edges_ns[0], segments, self.counts)
 
     def _take_over(self, held: int) -> None:
-        """Put in order what is waiting, and take it over but for the last ``held`` samples."""
+        """Put the waiting samples in order, and take over all but the last ``held``."""
         stamps, samples = self._ordered()
-        old = len(self._behind[0])
+        old = len(self._previous[0])
         end = max(len(stamps) - held, old)
         self._blocks, self._waiting = [(stamps[end:], samples[end:])], len(stamps) - end
         if end == old:
@@ -206,7 +208,7 @@ class Record:
         if not old:
             self._edges_ns.append(int(stamps[0]))
             self._period_ns = self._period(stamps)
-            self._rest = samples[:1]
+            self._remainder = samples[:1]
         lost = _lost(stamps, self._period_ns)
         begin = max(old, 1)
         lost = lost[begin - 1 : end - 1]
@@ -215,15 +217,18 @@ class Record:
         self._intervals += int((lost == 0).sum())
         self.counts.equal_stamps += int((steps == 0).sum())
         self._cut(stamps[begin - 1 : end], samples[begin - 1 : end], lost)
-        self._behind = stamps[max(end - NEAR, 0) : end], samples[max(end - NEAR, 0) : end]
+        self._previous = (
+            stamps[max(end - GAP_NEIGHBOURS, 0) : end],
+            samples[max(end - GAP_NEIGHBOURS, 0) : end],
+        )
 
     def _ordered(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return what is behind and what is waiting, sorted and without repeats."""
-        blocks = [self._behind, *self._blocks]
+        """Return the previous and the waiting samples, sorted and without repeats."""
+        blocks = [self._previous, *self._blocks]
         stamps = np.concatenate([stamps for stamps, _ in blocks])
         samples = np.concatenate([samples for _, samples in blocks])
         self._blocks = []
-        old = len(self._behind[0])
+        old = len(self._previous[0])
         if old:
             late = stamps < stamps[old - 1]
             late[:old] = False
@@ -242,8 +247,8 @@ class Record:
         return stamps, samples
 
     def _period(self, stamps: np.ndarray) -> float:
-        """Return the time between two samples; jitter, bursts and gaps do not matter."""
-        stride = min(64, len(stamps) - 1)
+        """Return the period of the samples, whatever their jitter, bursts and gaps."""
+        stride = min(PERIOD_STRIDE, len(stamps) - 1)
         if stride < 1:
             return 1.0
         period = float(np.median(np.diff(stamps[::stride]))) / stride
@@ -251,7 +256,7 @@ class Record:
         if step > period / 2:  # else samples come in bursts
             period = step
         if period <= 0:
-            raise ReadError(self.source, STANDING)
+            raise ReadError(self.source, CONSTANT_STAMPS)
         for _ in range(3):
             period = float(
                 (stamps[-1] - stamps[0]) / (len(stamps) - 1 + _lost(stamps, period).sum())
@@ -260,13 +265,13 @@ class Record:
 
     def _cut(self, stamps: np.ndarray, samples: np.ndarray, lost: np.ndarray) -> None:
         """
-        Store samples, of which the first is stored already.
+        Store samples, the first of which is stored already.
 
         :param stamps: (N + 1,).
         :param samples: (N + 1, 6).
-        :param lost: (N,) samples lost in front of each of the others.
+        :param lost: (N,) samples lost before each of the others.
         """
-        cuts = np.flatnonzero(lost > PASSED_OVER)
+        cuts = np.flatnonzero(lost > self.limits.max_lost_samples)
         self.counts.gaps += len(cuts)
         self.counts.lost += int(lost[cuts].sum())
         self.counts.missing += int(lost.sum() - lost[cuts].sum())
@@ -279,10 +284,10 @@ class Record:
             self._store(piece)
 
     def _store(self, samples: np.ndarray) -> None:
-        samples = np.concatenate([self._rest, samples])
+        samples = np.concatenate([self._remainder, samples])
         # in pairs of groups, so that two can always be averaged later
         whole = len(samples) - len(samples) % (2 * self._averaged)
-        self._rest = samples[whole:].copy()
+        self._remainder = samples[whole:].copy()
         self._keep(samples[:whole])
         while self._kept > self.capacity:
             self._average()
@@ -298,14 +303,14 @@ class Record:
             self._kept += len(means)
 
     def _close(self) -> None:
-        """End the open segment."""
-        over = len(self._rest) % self._averaged
+        """Close the open segment."""
+        over = len(self._remainder) % self._averaged
         self.counts.cut += over
-        self._keep(self._rest[: len(self._rest) - over])
-        self._rest = np.empty((0, 6))
+        self._keep(self._remainder[: len(self._remainder) - over])
+        self._remainder = np.empty((0, 6))
 
     def _average(self) -> None:
-        """Average two samples into one, everywhere."""
+        """Average every two samples into one."""
         for index, parts in enumerate(self._segments):
             joined = np.concatenate(parts, axis=1) if parts else np.empty((6, 0))
             parts.clear()
@@ -319,10 +324,10 @@ class Record:
 
 def _lost(stamps_ns: np.ndarray, period_ns: float) -> np.ndarray:
     """
-    Return how many samples are lost in front of each but the first.
+    Return how many samples are lost before each but the first.
 
-    A sample that is only late, or many that come in a burst, are followed by others that are not:
-    how late the samples are on either side of a long step, up to the next, tells the two apart.
+    A sample that is merely late, or a burst of them, is followed by others that are not. How late
+    the samples on either side of a long step are, up to the next, distinguishes it from a loss.
     """
     lost = np.zeros(max(len(stamps_ns) - 1, 0), np.int64)
     elapsed = (stamps_ns - stamps_ns[0]) / period_ns
@@ -331,9 +336,9 @@ def _lost(stamps_ns: np.ndarray, period_ns: float) -> np.ndarray:
         late = elapsed - np.arange(len(elapsed))
         begins = np.concatenate([[0], steps[:-1] + 1])[:, None]
         ends = np.concatenate([steps[1:], [len(late) - 1]])[:, None]
-        behind = steps[:, None] - np.arange(NEAR)
-        ahead = steps[:, None] + 1 + np.arange(NEAR)
-        before = np.where(behind >= begins, late[behind], np.nan)
+        past = steps[:, None] - np.arange(GAP_NEIGHBOURS)
+        ahead = steps[:, None] + 1 + np.arange(GAP_NEIGHBOURS)
+        before = np.where(past >= begins, late[past], np.nan)
         after = np.where(ahead <= ends, late[np.minimum(ahead, ends)], np.nan)
         moved = np.nanmedian(after, axis=1) - np.nanmedian(before, axis=1)
         lost[steps] = np.rint(moved).clip(min=0)
