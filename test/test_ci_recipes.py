@@ -23,6 +23,7 @@ from vio_eval_ros.scoring.baseline import Baseline
 from vio_eval_ros.simulation import Drift, simulate
 from vio_eval_ros.version import __version__
 
+pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[1]
 DOCUMENT = (ROOT / 'docs/ci.md').read_text()
 ACTION = yaml.safe_load((ROOT / 'action.yml').read_text())

@@ -117,6 +117,7 @@ def random_pair(request) -> tuple[Trajectory, Trajectory]:
     ), truth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('mode', ['none', 'origin', 'se3', 'sim3'])
 def test_absolute_errors_are_evos(evo, random_pair, mode):
     summary = evaluate(*random_pair, alignment=mode)
@@ -131,6 +132,7 @@ def test_absolute_errors_are_evos(evo, random_pair, mode):
         assert_statistics(summary.metrics, name, figures(evo.metrics.APE(kind), reference, other))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('delta', 'number', 'unit', 'pairs'),
     [

@@ -105,6 +105,7 @@ FLAGGED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', FLAGGED)
 def test_replay_with_the_flags_has_the_errors_of_the_unharmed_run(name, flight, tmp_path, capsys):
     def measured(spec: str, *flags: str) -> dict[str, float]:

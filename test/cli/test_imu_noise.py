@@ -53,6 +53,7 @@ def file(samples, tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_a_recording_gives_a_table_and_the_files_asked_for(recording, tmp_path):
     pytest.importorskip('matplotlib')
     paths = {
@@ -71,6 +72,7 @@ def test_a_recording_gives_a_table_and_the_files_asked_for(recording, tmp_path):
     assert set(tmp_path.iterdir()) == set(paths.values())
 
 
+@pytest.mark.slow
 def test_recording_and_csv_give_the_same_figures(recording, file):
     documents = [document('imu_noise', path) for path in (recording, file)]
     assert documents[0]['axes'] == documents[1]['axes']
@@ -78,6 +80,7 @@ def test_recording_and_csv_give_the_same_figures(recording, file):
     assert density == pytest.approx(EUROC.gyro.density, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_unit_can_be_stated(file):
     units = document('imu_noise', file, '--gyro-unit', 'deg/s')['input']['units']
     assert units['gyro'] == {'name': 'deg/s', 'known': 'stated'}

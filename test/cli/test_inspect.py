@@ -168,6 +168,7 @@ def test_faults_are_named_worst_first_with_advice(harmed):
     assert text.splitlines()[2].split()[:2] == ['FAIL', '/imu0']
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['run.bag', 'sqlite', 'folder'])
 def test_every_kind_of_recording_gives_the_same_figures(clean, tmp_path, name):
     messages = flight()

@@ -143,6 +143,7 @@ def test_noise_is_that_of_a_calibration_file(tmp_path, content):
     assert 'accelerometer_noise_density: 0.006' in written
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('arguments', 'problem'),
     [

@@ -301,6 +301,7 @@ def test_positions_alone_cannot_be_moved_to_another_frame():
 SECOND = list(range(0, 1001, 10))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('estimate', 'ratio'),
     [

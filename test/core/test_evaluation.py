@@ -74,6 +74,7 @@ def assert_close(found, expected, relative, absolute, but=()):
 # However poses arrive
 
 
+@pytest.mark.slow
 @given(
     STEPS,
     STEPS,
@@ -113,6 +114,7 @@ def test_the_summary_is_the_same_to_the_last_bit_however_poses_arrive(
 # At every moment
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('alignment', ALIGNMENTS)
 @pytest.mark.parametrize('rpe_pairs', RPE_PAIRS)
 @pytest.mark.parametrize('align_first_s', [0, 3])
@@ -140,6 +142,7 @@ def test_running_values_are_those_of_the_summary_at_every_moment(
             ), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('alignment', 'scale'),
     [('none', 1), ('posyaw', 1), ('se3', 1), ('sim3', 1), ('sim3', 5), ('sim3', 0.2)],
@@ -210,6 +213,7 @@ def test_the_series_has_a_row_a_second_and_ends_with_the_summary(flight, estimat
     assert pairs[0] < 30
 
 
+@pytest.mark.slow
 @given(
     st.lists(st.sampled_from([1, 5, 10]), min_size=1, max_size=30),
     st.lists(st.sampled_from([1, 5, 10]), min_size=1, max_size=30),
@@ -544,6 +548,7 @@ def test_differences_of_stamps_are_those_of_the_pairs(wandering, evaluate):
     assert math.isnan(interpolated['unmatched_ground_truth'])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rpe_pairs', RPE_PAIRS)
 def test_of_more_pairs_than_are_kept_the_figures_are_those_of_all(wandering, estimated, rpe_pairs):
     truth = wandering(20 * MS * np.arange(1, 20_001))
@@ -644,6 +649,7 @@ def turning(count: int, turn_at: int, angle: float):
     return replace(truth, rotations=rotation.from_rotation_vector(yaw + wobble)), truth
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('turn_at', 'angle'), [(10_000, 0.0), (2000, 0.5), (2000, 3.0)])
 def test_the_rotation_error_of_a_bounded_run_is_not_made_up(turn_at, angle):
     """Whether R was undetermined at first, or has turned far since pairs were dropped."""

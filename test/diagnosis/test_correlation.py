@@ -61,6 +61,7 @@ def random_signal(rng: np.random.Generator, size: int, samples: float) -> np.nda
     return np.asarray(values / values.std())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('rates_hz', 'noises', 'coloured_s'),
     [

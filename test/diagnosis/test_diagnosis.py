@@ -56,6 +56,7 @@ def test_a_confidence_is_that_of_students_distribution():
     assert student(math.inf) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind', ['walk', 'noise'])
 def test_the_interval_of_a_scale_holds_though_errors_walk_at_random(kind):
     held = 0
@@ -77,6 +78,7 @@ def test_a_healthy_flight_has_nothing_unusual():
     assert HEALTHY.errors_after == HEALTHY.errors_before
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seconds', [0.01, -0.03, 0.2, -4.0, 9.5])
 def test_a_time_offset_comes_back_to_half_a_millisecond(seconds):
     found = diagnosis_of(late(seconds))
@@ -437,6 +439,7 @@ CONVENTIONS = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('case', CONVENTIONS)
 @pytest.mark.parametrize('seconds', [0.0, 0.05])
 def test_a_wrong_convention_comes_first_whatever_else_is_wrong(case, seconds):
@@ -453,6 +456,7 @@ def test_a_wrong_convention_comes_first_whatever_else_is_wrong(case, seconds):
     )
 
 
+@pytest.mark.slow
 def test_estimate_and_truth_in_each_others_place_are_noticed():
     found = diagnose(TRUTH, ESTIMATE, CONFIG)
     assert 'swapped_inputs' in names(found)
@@ -607,6 +611,7 @@ def test_the_published_run_that_lags_by_a_frame_is_found(shared_data):
     assert found.causes[0].value == pytest.approx(0.05, abs=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('harm', [conjugated, inverted])
 def test_a_truth_that_is_inverse_is_told_from_an_estimate_that_is(harm):
     # worlds far apart tell on which side of a rotation the other world is
@@ -738,6 +743,7 @@ def test_positions_of_other_moments_than_orientations_are_no_lever_arm(late_s):
     assert 'lever_arm' in found.cannot_tell
 
 
+@pytest.mark.slow
 def test_a_heading_that_walks_at_random_does_not_run_away():
     rng = np.random.default_rng(11)
     named = 0
@@ -783,6 +789,7 @@ def moving(source: np.random.Generator, seconds: np.ndarray) -> tuple[np.ndarray
     return places * within, rotation.from_rotation_vector(turns * within)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(60))
 def test_no_pair_of_motions_breaks_it(seed):
     source = np.random.default_rng(seed)

@@ -39,6 +39,7 @@ def test_offset_and_turn_of_a_gyroscope_come_back_in_spite_of_bias_and_noise():
     assert found.bias_rad_s == pytest.approx((0.01, -0.02, 0.005), abs=3e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('noise', [0.0, 0.1])
 def test_rates_in_degrees_are_recognised(noise):
     stamps_ns, rates = rates_of(np.array([0.0, 0.0, 0.0, 1.0]))
@@ -50,6 +51,7 @@ def test_rates_in_degrees_are_recognised(noise):
     assert found.turn_deg == pytest.approx(expected.turn_deg, abs=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', [11, 1, 2])
 @pytest.mark.parametrize('noise', [0.0, 0.1])
 def test_mirrored_and_swapped_axes_are_told_from_turned_ones(seed, noise):

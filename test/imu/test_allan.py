@@ -58,6 +58,7 @@ def test_too_few_samples_give_an_empty_curve():
     assert len(allan_curve([np.zeros(2)], 100.0).factors) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('noise', 'model'),
     [

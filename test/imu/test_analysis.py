@@ -44,6 +44,7 @@ def test_a_record_at_rest_gives_its_noise_without_a_warning(still):
     assert still.axes['accel_z'].mean == pytest.approx(9.81, abs=0.5)
 
 
+@pytest.mark.slow
 def test_degrees_and_g_are_told_by_magnitude_and_said(still):
     other = analysed(rest() / np.repeat([np.pi / 180, 9.80665], 3))
     assert [unit.name for unit in other.units.values()] == ['deg/s', 'g']
@@ -63,6 +64,7 @@ def test_stated_units_are_not_questioned():
     assert not any('magnitude' in line for line in stated.warnings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('density', [2e-6, 1e-5, 1.7e-4, 5e-4])
 def test_no_common_gyroscope_in_radians_is_taken_to_be_in_degrees(density):
     noise = ImuNoise(Noise(density, 1e-6), EUROC.accel)
@@ -92,6 +94,7 @@ def moved(begin_s, end_s, axis, by):
     return analysed(samples)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('begin_s', 'end_s', 'axis', 'by', 'told'),
     [
@@ -118,6 +121,7 @@ def test_motion_is_reported_with_its_time(begin_s, end_s, axis, by, told):
     assert warning in json.loads(json_document(found))['warnings']
 
 
+@pytest.mark.slow
 def test_a_movement_too_slow_for_seconds_is_seen_in_tens_of_them():
     samples = rest(noise=ImuNoise(EUROC.gyro, Noise(2e-3, 3e-4)))
     samples[:, 3] += 0.17 * np.clip((np.arange(len(samples)) / RATE_HZ - 2_000) / 60, 0, 1)
@@ -126,6 +130,7 @@ def test_a_movement_too_slow_for_seconds_is_seen_in_tens_of_them():
     assert 'beginning 2,0' in warning
 
 
+@pytest.mark.slow
 def test_many_movements_are_counted_and_the_first_named():
     samples = rest()
     samples[:: round(10 * RATE_HZ), 0] = 5
@@ -133,6 +138,7 @@ def test_many_movements_are_counted_and_the_first_named():
     assert 'beginning 0, 10, 20, 30, 40 s after the start and 355 times more' in warning
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'noise',
     [
@@ -149,6 +155,7 @@ def test_no_noise_is_taken_for_movement_vibration_or_resolution(noise, hours):
         assert word not in told
 
 
+@pytest.mark.slow
 def test_a_value_that_stands_still_for_a_while_is_reported_with_its_time():
     samples = rest()
     samples[90_000:, 1] = samples[90_000, 1]
@@ -158,6 +165,7 @@ def test_a_value_that_stands_still_for_a_while_is_reported_with_its_time():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('step', [0.003, 0.01])
 def test_a_resolution_that_spoils_the_density_is_reported(step):
     """The noise of a sample is 1.2e-3 rad/s."""
@@ -175,6 +183,7 @@ def test_a_resolution_that_shows_the_noise_is_no_trouble():
     assert found.axes['gyro_x'].fit.density.value == pytest.approx(EUROC.gyro.density, rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('hz', 'size'), [(11.5, 0.02), (0.9, 2e-3)])
 def test_a_vibration_that_raises_the_density_is_reported_with_its_frequency(hz, size):
     samples = rest()
@@ -187,6 +196,7 @@ def test_a_vibration_that_raises_the_density_is_reported_with_its_frequency(hz, 
     assert float(warning.split()[-2]) == pytest.approx(100 * rise, abs=4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('share', [0.05, 0.1])
 def test_random_losses_leave_density_and_walk_as_they_are(share):
     samples = rest(noise=ImuNoise(EUROC.gyro, Noise(2e-3, 3e-3)))
@@ -217,6 +227,7 @@ def test_of_a_record_with_holes_everywhere_nothing_is_told(share):
         assert 'of the samples are missing' in axis.fit.density.reason
 
 
+@pytest.mark.slow
 def test_a_rotating_sensor_and_missing_gravity_are_reported():
     samples = rest() - BIAS
     samples[:, 2] += 1.0
@@ -225,6 +236,7 @@ def test_a_rotating_sensor_and_missing_gravity_are_reported():
     assert 'mean acceleration is' in warnings
 
 
+@pytest.mark.slow
 def test_losses_gaps_and_shared_stamps_are_reported():
     samples = rest(0.2)
     stamps_ns = 20_000_000 * np.arange(len(samples))
@@ -239,6 +251,7 @@ def test_losses_gaps_and_shared_stamps_are_reported():
     )
 
 
+@pytest.mark.slow
 def test_a_stuck_axis_is_null_and_said():
     samples = rest(0.2)
     samples[:, 1] = 0.25
@@ -295,12 +308,14 @@ def test_kalibr_s_file_has_its_four_figures_rate_and_topic(still):
     assert '5 to 10 times' in text
 
 
+@pytest.mark.slow
 def test_kalibr_s_file_is_not_made_of_guesses():
     noise = ImuNoise(Noise(1.7e-4, 0.0), EUROC.accel)
     with pytest.raises(ConfigError, match=r'gyroscope_random_walk is not known: .*record longer'):
         kalibr_document(analysed(rest(0.2, noise)))
 
 
+@pytest.mark.slow
 def test_the_plot_is_a_png_that_shows_something(still):
     pytest.importorskip('matplotlib')
     image = pytest.importorskip('PIL.Image')

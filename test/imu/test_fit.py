@@ -11,6 +11,7 @@ from vio_eval_ros.imu.simulated_noise import EUROC, Noise, simulate_axis
 
 pytest.importorskip('allantools')
 
+pytestmark = pytest.mark.slow
 SEEDS = range(20)
 
 

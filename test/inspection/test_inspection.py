@@ -751,6 +751,7 @@ def held(seed: int, fastest_rad_s: float = 0.1) -> SensorStream:
     return SensorStream('/imu0', IMU, 'imu', stamps_ns + 4_000_000, stamps_ns, {}, numbers)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(5))
 def test_rates_in_degrees_are_told_from_how_gravity_turns(seed):
     imu = held(seed)
@@ -767,6 +768,7 @@ def test_rates_in_degrees_are_told_from_how_gravity_turns(seed):
     assert 'units' not in {name for name, _ in wrong(inspect([bias]))}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('axis', [0, 1])
 @pytest.mark.parametrize('seed', range(3))
 def test_a_step_of_the_bias_is_found(seed, axis):
@@ -810,6 +812,7 @@ def driven(seed: int) -> SensorStream:
     return SensorStream('/imu0', IMU, 'imu', stamps_ns + 4_000_000, stamps_ns, {}, numbers)
 
 
+@pytest.mark.slow
 def test_a_car_that_accelerates_has_no_step_of_the_bias():
     cars = [driven(seed) for seed in range(40)]
     assert [wrong(inspect([car])) for car in cars] == [set()] * 40

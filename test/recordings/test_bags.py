@@ -303,6 +303,7 @@ def read(path, *specs, **options):
 # --- the same poses out of everything ---
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind', KINDS)
 def test_every_kind_of_recording_gives_the_same_poses(recording, kind):
     found = read(recording(kind), *SPECS)
@@ -354,6 +355,7 @@ def test_a_real_run_is_the_same_in_all_storages(shared_data, name):
             assert_identical(found, reference)
 
 
+@pytest.mark.slow
 def test_real_recordings_give_what_rosbags_and_the_converters_give(shared_data):
     compared = 0
     for path in sorted(shared_data.glob('*bags/**/*')):
@@ -871,6 +873,7 @@ def test_damaged_metadata_is_refused(tmp_path, text):
     assert 'metadata.yaml: is damaged' in refused(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'kind',
     [

@@ -135,6 +135,7 @@ def test_other_encapsulations_are_left_to_rosbags(preamble):
     assert cdr.decode(msgtype, [preamble + raw[2:]], False) is None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('form', FORMATS)
 def test_no_damaged_byte_makes_it_fail_or_differ(form):
     """Each byte of each message type in turn: what is decoded is what rosbags decodes."""

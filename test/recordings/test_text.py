@@ -30,6 +30,7 @@ def real_files(shared_data: Path) -> list[Path]:
     return found
 
 
+@pytest.mark.slow
 def test_real_files_are_read_to_the_last_bit(shared_data):
     for path in real_files(shared_data):
         words = [

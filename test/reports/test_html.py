@@ -177,6 +177,7 @@ def test_only_the_scripts_of_the_page_may_run(report, parsed):
     assert 'unsafe' not in policy.replace("style-src 'unsafe-inline'", '')
 
 
+@pytest.mark.slow
 def test_every_report_is_the_same_in_another_process(tmp_path):
     estimate, truth = tmp_path / 'est.tum', tmp_path / 'gt.tum'
     run = simulate(duration_s=10.0)

@@ -132,6 +132,7 @@ def test_the_schema_describes_all_that_json_has(result):
     assert set(keys(content)) - metrics - known == set()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'harm',
     [
@@ -179,6 +180,7 @@ def test_junit_keeps_the_schema_of_jenkins(result, hostile, warned):
         JUNIT.validate(SUITE_REPORTS['junit'](one))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('old', 'new'),
     [
@@ -368,6 +370,7 @@ def test_latex_has_a_row_for_each_sequence_and_no_command_from_a_name(result, ho
     assert len(re.findall(r'(?<!\\)&', row)) == 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', sorted(SUITE_REPORTS.keys() - {'html'}))
 def test_reports_of_the_same_input_are_the_same(lab, result, hostile, name):
     report = SUITE_REPORTS[name]

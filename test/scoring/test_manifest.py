@@ -389,6 +389,7 @@ def better_baseline(content: dict[str, Any]) -> None:
     comparison['baseline_values'] = [comparison['baseline_values'][0] / 2]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('tamper', 'lines'),
     [
@@ -436,6 +437,7 @@ def without_verdict(content: dict[str, Any], *names: str) -> None:
         del sequence['gates'], sequence['comparisons'], sequence['verdict']
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'harm',
     [
@@ -487,6 +489,7 @@ def test_warnings_are_compared_without_the_folders_in_them(folder, monkeypatch):
     assert any('warnings.' in line for line in found.differences)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     'damage',
     [
@@ -753,6 +756,7 @@ def outcome(file: Path, content: dict[str, Any]) -> str:
     return ''
 
 
+@pytest.mark.slow
 def test_nothing_in_a_manifest_gives_any_other_error(folder):
     stack = Stack.of({'config': ['vio.yaml']}, [Path('cam.yaml')])
     gates = (Gate('ate_trans_rmse_m', '<=', 1.0),)
@@ -773,6 +777,7 @@ def test_nothing_in_a_manifest_gives_any_other_error(folder):
     assert refused > 100
 
 
+@pytest.mark.slow
 def test_nothing_in_a_judgement_gives_any_other_error(folder, judged):
     judged['sequences'] = judged['sequences'][2:]
     ways = [way for way in nodes(judged) if way[2:3] and way[2] in ('gates', 'comparisons')]

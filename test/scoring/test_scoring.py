@@ -188,6 +188,7 @@ def test_runs_that_share_no_instant_with_the_truth_say_so(lab):
     assert 'are the clocks the same?' in one.runs[0].error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('jobs', [1, 2, 9])
 @pytest.mark.parametrize(
     ('end', 'how'),

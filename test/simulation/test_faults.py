@@ -48,6 +48,7 @@ def test_there_is_a_fault_for_every_cause():
     assert set(FAULTS) == set(NAMES)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', FAULTS)
 def test_diagnose_names_each_fault_and_its_size(name):
     size, off = WRITTEN.get(name, ('', math.inf))

@@ -208,6 +208,7 @@ def integrated(truth: Trajectory, samples: np.ndarray, dt: float) -> tuple[np.nd
     return np.array(positions), np.array(rotations)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', [7, 8])
 def test_what_the_imu_feels_integrates_to_the_flight(seed):
     run = simulate(duration_s=20, seed=seed, imu_noise=NOISELESS)
