@@ -11,7 +11,7 @@ from test_imports import LAYERS
 from verbs import call, transcript
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names
-from vio_eval_ros.recordings.sources import STATEMENTS
+from vio_eval_ros.recordings.spec import STATEMENTS
 from vio_eval_ros.reports import REPORTS
 
 ROOT = Path(__file__).resolve().parents[1]

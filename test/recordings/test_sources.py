@@ -8,7 +8,9 @@ import pytest
 from vio_eval_ros.core.rotation import angle_between
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings import sources
-from vio_eval_ros.recordings.sources import default_topics, read_sources, READERS, Source, Spec
+from vio_eval_ros.recordings.layouts import READERS
+from vio_eval_ros.recordings.sources import default_topics, read_sources, Source
+from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.simulation import simulate, write_recording
 
 TUM = '1403715524.5 1 2 3 0.5 0.5 -0.5 0.5\n1403715525.5 4 5 6 0 0 0 1\n'
@@ -101,7 +103,7 @@ def test_nanoseconds_in_a_tum_file_are_taken_as_such_and_said_so(tmp_path):
     path.write_text('1403715524500000000.000000 1 2 3 0 0 0 1\n')
     source = read(str(path))
     assert source.poses.stamps_ns.tolist() == [1403715524500000000]
-    assert 'taken as ns, not s' in source.warnings[0]
+    assert 'read as ns, not s' in source.warnings[0]
     assert 'quaternion=wxyz' in source.warnings[1]  # such files come in both orders
     assert read(f'{path}?stamps=ns&quaternion=xyzw').warnings == ()
 
@@ -111,7 +113,7 @@ def test_seconds_in_a_euroc_csv_are_taken_as_such_and_said_so(tmp_path):
     path.write_text(EUROC_HEADER + '1403715524.5,1,2,3,1,0,0,0\n')
     source = read(str(path))
     assert source.poses.stamps_ns.tolist() == [1403715524500000000]
-    assert 'taken as s, not ns' in source.warnings[0]
+    assert 'read as s, not ns' in source.warnings[0]
 
 
 def test_the_order_of_a_quaternion_is_stated_by_user_header_or_kind_never_guessed(tmp_path):
@@ -250,5 +252,5 @@ def test_two_large_files_are_read_at_the_same_time_with_the_same_result(tmp_path
         assert np.array_equal(one.poses.positions, other.poses.positions)
         assert np.array_equal(one.poses.stamps_ns, other.poses.stamps_ns)
     Path(paths[1]).write_text('1 2 3\n')
-    with pytest.raises(ReadError, match=r'b.txt: 3 columns'):
+    with pytest.raises(ReadError, match=r'b.txt: has 3 columns'):
         read_sources(paths)

@@ -148,7 +148,7 @@ def test_blocks_join_without_losing_a_row(tmp_path, monkeypatch):
         ('\n \n', 'the file is empty'),
         ('# only\n# comments\n', 'no rows of numbers'),
         ('version https://git-lfs.github.com/spec/v1\n', 'no rows of numbers'),
-        (b'\x00\x01\x02', 'no text file'),
+        (b'\x00\x01\x02', 'neither a text file nor a recording'),
         (f'{ROW}\n\n# note\n2 0 0 x 0 0 0 1\n', "line 4: 'x' is not a number"),
         (f'{ROW}\n2 0 0 0 0 0 1\n', 'line 2: 7 columns, but 8'),
         (f'{ROW}\n2 0 0 0 0 0 0 1 9\n', 'line 2: 9 columns, but 8'),

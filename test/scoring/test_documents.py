@@ -280,7 +280,7 @@ def test_the_terminal_has_the_table_and_the_reasons(result, hostile):
 @pytest.mark.parametrize('name', ['text', 'markdown', 'junit', 'html'])
 def test_what_runs_warn_of_is_told_once_with_how_many_do(warned, name):
     text = (SUITE_REPORTS | {'text': suite_text})[name](warned)
-    for warning in ('stamps are taken as ns, not s, by their size', 'dropped 1 non-finite'):
+    for warning in ('stamps are read as ns, not s, by their size', 'dropped 1 non-finite'):
         (line,) = (line for line in re.sub('</?li>', '\n', text).splitlines() if warning in line
                    and '(2 of 3 runs)' in line.replace('\\', ''))  # fmt: skip
         assert 'a/0.tum' not in line

@@ -481,7 +481,7 @@ def test_warnings_are_compared_without_the_folders_in_them(folder, monkeypatch):
     Path('runs/ns.tum').write_text('\n'.join(map(' '.join, nanoseconds)))
     content = manifest_of(folder / 'manifest.json', 'runs/ns.tum')
     warnings = the_run(content)['result']['warnings']
-    assert warnings[0] == 'runs/ns.tum: stamps are taken as ns, not s, by their size'
+    assert warnings[0] == 'runs/ns.tum: stamps are read as ns, not s, by their size'
     monkeypatch.chdir('/')
     assert reproduced(verify(folder / 'manifest.json'))
     del warnings[0]

@@ -24,7 +24,8 @@ from vio_eval_ros.diagnosis.measurements import MISFIT, OFFSET_S, TURN_DEG
 from vio_eval_ros.diagnosis.signals import lag_of_signals, SignalLag
 from vio_eval_ros.errors import ConfigError, FAILED, PASSED, ReadError
 from vio_eval_ros.recordings.imu import read_imu
-from vio_eval_ros.recordings.sources import Source, Spec
+from vio_eval_ros.recordings.sources import Source
+from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.recordings.text import read_text
 from vio_eval_ros.rendering.text import number, percent, printable
 

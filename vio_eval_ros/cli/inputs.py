@@ -7,7 +7,8 @@ from pathlib import Path
 
 from vio_eval_ros.cli.shell import progress
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.recordings.sources import default_topics, read_sources, Source, Spec
+from vio_eval_ros.recordings.sources import default_topics, read_sources, Source
+from vio_eval_ros.recordings.spec import Spec
 
 
 def add_inputs(parser: argparse.ArgumentParser) -> None:

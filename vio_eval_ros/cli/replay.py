@@ -17,7 +17,8 @@ from vio_eval_ros.core.series import running_series
 from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE
 from vio_eval_ros.evaluation.recorded import score_run
 from vio_eval_ros.evaluation.result import Result
-from vio_eval_ros.recordings.sources import Source, Spec
+from vio_eval_ros.recordings.sources import Source
+from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.tables import series_csv
 from vio_eval_ros.reports.text import text_report

@@ -1,104 +1,31 @@
-"""
-From what a user writes to poses: one source spec in, the poses it names out.
-
-::
-
-    /topic                      a topic of the recording given beside it
-    /tf:PARENT.CHILD            a transform of that recording
-    PATH                        a TUM file, EuRoC data.csv or sequence folder, KITTI poses
-    RECORDING:/topic            a topic of another recording
-    SPEC?quaternion=wxyz        what is unusual in it; joined by &
-"""
+"""From what a user writes to poses: source specs in, the poses that they name out."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 import re
-from typing import NamedTuple, TYPE_CHECKING
-from urllib.parse import parse_qsl
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.cleaning import MIN_QUATERNION_NORM
-from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError, ReadError
+from vio_eval_ros.recordings.layouts import poses_of
 from vio_eval_ros.recordings.progress import Progress, silent
-from vio_eval_ros.recordings.rows import STAMP_UNITS
-from vio_eval_ros.recordings.text import read_text, TextFile
+from vio_eval_ros.recordings.spec import exists, RECORDING_SUFFIXES, Spec
+from vio_eval_ros.recordings.text import read_text
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from vio_eval_ros.recordings.bags import Read, Recording
 
-RECORDING_SUFFIXES = ('.bag', '.db3', '.mcap')
 PARALLEL_BYTES = 1 << 24
-QUATERNION_COLUMNS = {'xyzw': [4, 5, 6, 7], 'wxyz': [5, 6, 7, 4]}
-CONVENTIONS = {'tum': ('s', 'xyzw'), 'euroc': ('ns', 'wxyz')}
-STATEMENTS = {
-    'quaternion': tuple(QUATERNION_COLUMNS),
-    'stamps': tuple(STAMP_UNITS),
-    'invert': ('pose', 'rotation'),
-    'revision': ('final', 'causal'),
-}
 TRUTH_WORDS = r'truth|(^|[/_])gt($|[/_])|vicon|leica|mocap|optitrack|qualisys'
-
-
-class Spec(NamedTuple):
-    """
-    A source spec in its parts.
-
-    :param path: of a file or recording; None for a topic of the recording given beside it.
-    :param topic: a topic or ``/tf:PARENT.CHILD``; None for a file.
-    :param statements: what was stated behind the question mark.
-    """
-
-    path: Path | None
-    topic: str | None
-    statements: dict[str, str]
-
-    @classmethod
-    def parse(cls, text: str) -> Spec:
-        """Return the parts; ``ConfigError`` where a statement is unknown."""
-        if '?' in text and _exists(Path(text)):
-            return cls(Path(text), None, {})
-        body, _, query = text.partition('?')
-        stated = parse_qsl(query, keep_blank_values=True)
-        statements = dict(stated)
-        if len(statements) < len(stated):
-            raise ConfigError(f'{text}: the same is stated twice')
-        for name, value in statements.items():
-            if name not in STATEMENTS:
-                raise ConfigError(
-                    f"{text}: '{name}' cannot be stated of a source; "
-                    f'{", ".join(STATEMENTS)} can{nearest_name(name, STATEMENTS)}'
-                )
-            if value not in STATEMENTS[name]:
-                raise ConfigError(
-                    f"{text}: {name} is {' or '.join(STATEMENTS[name])}, not '{value}'"
-                )
-        path, topic = cls._located(body)
-        useless = ('quaternion', 'stamps') if topic else ('revision',)
-        for name in useless:
-            if name in statements:
-                what = 'a topic' if topic else 'a file'
-                raise ConfigError(f'{text}: {name} cannot be stated of {what}')
-        return cls(path, topic, statements)
-
-    @staticmethod
-    def _located(body: str) -> tuple[Path | None, str | None]:
-        """Return the file or recording, and the topic, that a spec names."""
-        for colon in re.finditer(r':(?=/)', body):
-            recording = Path(body[: colon.start()])
-            if recording.suffix in RECORDING_SUFFIXES or _exists(recording):
-                return recording, body[colon.end() :]
-        if body.startswith('/') and not _exists(Path(body)):
-            return None, body
-        return Path(body), None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -217,13 +144,6 @@ def default_topics(
     raise ReadError(recording, f'name the topics with --estimate and --ground-truth; {choice}')
 
 
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except (OSError, ValueError):  # such as a name that is too long
-        return False
-
-
 def _located(text: str, recording: Path | None) -> Spec:
     spec = Spec.parse(text)
     if spec.path is None:
@@ -235,7 +155,7 @@ def _located(text: str, recording: Path | None) -> Spec:
             )
         return spec._replace(path=recording)
     if spec.topic is None and (
-        spec.path.suffix in RECORDING_SUFFIXES or _exists(spec.path / 'metadata.yaml')
+        spec.path.suffix in RECORDING_SUFFIXES or exists(spec.path / 'metadata.yaml')
     ):
         raise ReadError(text, f'this is a recording; say which topic of it: {spec.path}:/topic')
     return spec
@@ -294,15 +214,9 @@ def _size(path: Path | None) -> int:
 def _from_text(text: str, spec: Spec, times: Path | None, progress: Progress = silent) -> Source:
     path, notes = _file(spec.path or Path())
     file = read_text(path, progress)
-    for kind, reader in READERS.items():
-        if reader.recognises(file, times):
-            poses = reader.read(file, times, spec.statements, notes)
-            paths = (path, times) if kind == 'kitti' and times else (path,)
-            return Source(text, kind, paths, _as_stated(poses, spec), tuple(notes))
-    raise ReadError(
-        path,
-        f'{file.rows.values.shape[1]} columns; a trajectory has 8: stamp x y z qx qy qz qw',
-    )
+    kind, poses = poses_of(file, times, spec.statements, notes)
+    paths = (path, times) if kind == 'kitti' and times else (path,)
+    return Source(text, kind, paths, _as_stated(poses, spec), tuple(notes))
 
 
 def _file(path: Path) -> tuple[Path, list[str]]:
@@ -321,90 +235,6 @@ def _file(path: Path) -> tuple[Path, list[str]]:
         'this folder is no recording (metadata.yaml) and no EuRoC sequence '
         '(mav0/state_groundtruth_estimate0/data.csv)',
     )
-
-
-def _are_stamped(file: TextFile, kind: str) -> bool:
-    """Return whether a file has the columns of a kind: 8, or 4 with positions only in EuRoC's."""
-    columns = file.rows.values.shape[1]
-    return file.kind == kind and (columns >= 8 or (kind == 'euroc' and columns == 4))
-
-
-def _stamped(
-    read: TextFile, times: Path | None, statements: dict[str, str], notes: list[str]
-) -> Poses:
-    """Return the poses of rows that begin with a stamp; note what was taken for granted."""
-    values = read.rows.values
-    usual, usual_order = CONVENTIONS[read.kind]
-    unit = statements.get('stamps') or _unit(read)
-    if unit != usual and 'stamps' not in statements:
-        notes.append(f'{read.path}: stamps are taken as {unit}, not {usual}, by their size')
-    stamps = read.rows.nanoseconds(read.path, unit)
-    if values.shape[1] == 4:
-        return Poses(stamps, values[:, 1:4])
-    order = statements.get('quaternion') or read.quaternion
-    if order is None and read.kind == 'tum' and (read.commas or unit == 'ns'):
-        notes.append(
-            f'{read.path}: quaternions are taken as x y z w; state ?quaternion=wxyz if w '
-            'comes first'
-        )
-    rotations = values[:, QUATERNION_COLUMNS[order or usual_order]]
-    return Poses(stamps, values[:, 1:4].copy(), rotations)
-
-
-def _unit(read: TextFile) -> str:
-    """Return the unit of stamps that their size shows; what a EuRoC csv has is nanoseconds."""
-    if read.kind == 'euroc':
-        return 's' if read.rows.likely_unit == 's' and read.rows.decimals.any() else 'ns'
-    return read.rows.likely_unit
-
-
-def _are_matrices(read: TextFile, times: Path | None) -> bool:
-    """Return whether rows of 12 numbers are KITTI's 3x4 matrices, as their rotations show."""
-    values = read.rows.values
-    if values.shape[1] != 12:
-        return False
-    turn = values[0].reshape(3, 4)[:, :3]
-    return times is not None or bool(np.allclose(turn @ turn.T, np.eye(3), atol=1e-3))
-
-
-def _matrices(
-    read: TextFile, times: Path | None, statements: dict[str, str], notes: list[str]
-) -> Poses:
-    """Return the poses of rows of 3x4 matrices, with stamps [s] from another file."""
-    if times is None:
-        raise ReadError(
-            read.path, 'these are KITTI poses; give the file of their stamps with --times'
-        )
-    stamps = read_text(times).rows
-    values = read.rows.values
-    if len(stamps.values) != len(values):
-        raise ReadError(
-            times, f'{len(stamps.values)} stamps for {len(values)} poses in {read.path}'
-        )
-    matrices = values.reshape(-1, 3, 4).copy()
-    matrices[~np.isfinite(stamps.values[:, 0]), :, 3] = np.nan  # to be dropped, and counted
-    return Poses(
-        stamps.nanoseconds(times, 's'), matrices[:, :, 3], rotation.from_matrix(matrices[:, :, :3])
-    )
-
-
-class Reader(NamedTuple):
-    """
-    How a kind of text file becomes poses.
-
-    :param recognises: whether a file, perhaps with a file of stamps beside it, is of this kind.
-    :param read: the poses, given also what was stated of it; notes what was taken for granted.
-    """
-
-    recognises: Callable[[TextFile, Path | None], bool]
-    read: Callable[[TextFile, Path | None, dict[str, str], list[str]], Poses]
-
-
-READERS = {
-    'kitti': Reader(_are_matrices, _matrices),
-    'euroc': Reader(lambda file, times: _are_stamped(file, 'euroc'), _stamped),
-    'tum': Reader(lambda file, times: _are_stamped(file, 'tum'), _stamped),
-}
 
 
 def _as_stated(poses: Poses, spec: Spec) -> Poses:

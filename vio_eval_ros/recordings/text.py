@@ -1,7 +1,8 @@
 """
-Text files with rows of numbers, and what their headers say: trajectories, stamps, signals.
+Text files with rows of numbers: trajectories, stamps, signals.
 
-Lenient in what is read: comments and headers, byte order marks, any line ends.
+Headers, comments, byte order marks and any line ends are read. What the columns mean is decided in
+:mod:`~vio_eval_ros.recordings.layouts`.
 """
 
 from __future__ import annotations
@@ -23,22 +24,20 @@ BLOCK_BYTES = 1 << 18
 @dataclass(frozen=True)
 class TextFile:
     """
-    What a text file holds, and what its header says of the order of its columns.
+    What a text file holds.
 
-    :param kind: ``euroc`` (csv with EuRoC's header or name) or ``tum``.
-    :param quaternion: the order that the header names, if it does.
-    :param commas: whether columns are apart by commas.
+    :param header: the comments and names of columns at its top.
+    :param has_commas: whether commas separate its columns.
     """
 
     path: Path
     rows: Rows
-    kind: str
-    quaternion: str | None
-    commas: bool
+    header: bytes
+    has_commas: bool
 
 
 def read_text(path: Path, progress: Progress = silent) -> TextFile:
-    """Return the numbers of a text file; ``ReadError`` names the line that is no row of them."""
+    """Return what a text file holds; ``ReadError`` names the line that is not a row of numbers."""
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -46,9 +45,7 @@ def read_text(path: Path, progress: Progress = silent) -> TextFile:
     if not data or data.isspace():
         raise ReadError(path, 'the file is empty')
     if b'\0' in data[:BLOCK_BYTES]:
-        raise ReadError(
-            path, 'this is no text file and no recording; a recording ends in .bag, .db3 or .mcap'
-        )
+        raise ReadError(path, 'neither a text file nor a recording (expected .bag, .db3 or .mcap)')
     data = data.removeprefix(b'\xef\xbb\xbf')  # the byte order mark of Windows
     if b'\r' in data and b'\n' not in data:
         data = data.replace(b'\r', b'\n')
@@ -56,17 +53,7 @@ def read_text(path: Path, progress: Progress = silent) -> TextFile:
     if re.match(rb'\s*(-?\d+,\d+[ \t;]+){2}', data[start : start + 1000]):
         raise ReadError(path, 'its numbers have decimal commas; write them with points')
     rows = _rows(path, data, start, progress)
-    names = header.lower().replace(b'_', b'')
-    w, x = re.search(rb'\bq(rs)?w\b', names), re.search(rb'\bq(rs)?x\b', names)
-    quaternion = None if not w or not x else 'wxyz' if w.start() < x.start() else 'xyzw'
-    euroc = path.name == 'data.csv' or re.match(rb'#timestamp(kf)?( \[ns\])?,', names)
-    return TextFile(
-        path,
-        rows,
-        'euroc' if euroc else 'tum',
-        quaternion,
-        b',' in data[start : start + BLOCK_BYTES],
-    )
+    return TextFile(path, rows, header, b',' in data[start : start + BLOCK_BYTES])
 
 
 def split_header(data: bytes) -> tuple[bytes, int]:

@@ -20,7 +20,7 @@ from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.evaluation.recorded import sha256
 from vio_eval_ros.evaluation.result import Input, Result
-from vio_eval_ros.recordings.sources import Spec
+from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.version import __version__
 
 if TYPE_CHECKING:

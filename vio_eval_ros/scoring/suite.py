@@ -30,7 +30,7 @@ from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.core.gates import Gate
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.evaluation.result import SUCCESS_GATES
-from vio_eval_ros.recordings.sources import Spec
+from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.scoring.baseline import Recorded, Rule
 from vio_eval_ros.scoring.manifest import check_stack, config_paths
 from vio_eval_ros.settings import finite, load_yaml, parse_yaml, Section

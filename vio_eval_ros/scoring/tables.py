@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import math
 
 from vio_eval_ros.core.gates import Verdict
-from vio_eval_ros.recordings.sources import Spec
+from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.rendering.text import number, percent
 from vio_eval_ros.scoring.baseline import Comparison
 from vio_eval_ros.scoring.scoring import SequenceResult, SuiteResult

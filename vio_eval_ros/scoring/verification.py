@@ -22,7 +22,8 @@ from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
 from vio_eval_ros.evaluation.recorded import score_run, sha256
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.recordings.progress import Progress, silent
-from vio_eval_ros.recordings.sources import read_sources, Spec
+from vio_eval_ros.recordings.sources import read_sources
+from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.scoring.baseline import damage, Rule
 from vio_eval_ros.scoring.manifest import judged, machine, MAX_BYTES, SCHEMA
 from vio_eval_ros.scoring.scoring import RunResult, score_suite, SequenceResult

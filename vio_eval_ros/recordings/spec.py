@@ -1,0 +1,91 @@
+"""
+What a user writes to name a source of poses.
+
+::
+
+    /topic                      a topic of the recording given beside it
+    /tf:PARENT.CHILD            a transform of that recording
+    PATH                        a TUM file, EuRoC data.csv or sequence folder, KITTI poses
+    RECORDING:/topic            a topic of another recording
+    SPEC?quaternion=wxyz        its conventions, joined by &
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+import re
+from typing import NamedTuple
+from urllib.parse import parse_qsl
+
+from vio_eval_ros.core.config import nearest_name
+from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.recordings.rows import STAMP_UNITS
+
+RECORDING_SUFFIXES = ('.bag', '.db3', '.mcap')
+STATEMENTS = {
+    'quaternion': ('xyzw', 'wxyz'),
+    'stamps': tuple(STAMP_UNITS),
+    'invert': ('pose', 'rotation'),
+    'revision': ('final', 'causal'),
+}
+
+
+class Spec(NamedTuple):
+    """
+    A source spec in its parts.
+
+    :param path: of a file or recording; None for a topic of the recording given beside it.
+    :param topic: a topic or ``/tf:PARENT.CHILD``; None for a file.
+    :param statements: what was stated behind the question mark.
+    """
+
+    path: Path | None
+    topic: str | None
+    statements: dict[str, str]
+
+    @classmethod
+    def parse(cls, text: str) -> Spec:
+        """Return the parts; ``ConfigError`` where a statement is unknown."""
+        if '?' in text and exists(Path(text)):
+            return cls(Path(text), None, {})
+        body, _, query = text.partition('?')
+        stated = parse_qsl(query, keep_blank_values=True)
+        statements = dict(stated)
+        if len(statements) < len(stated):
+            raise ConfigError(f'{text}: the same is stated twice')
+        for name, value in statements.items():
+            if name not in STATEMENTS:
+                raise ConfigError(
+                    f"{text}: '{name}' cannot be stated of a source; "
+                    f'{", ".join(STATEMENTS)} can{nearest_name(name, STATEMENTS)}'
+                )
+            if value not in STATEMENTS[name]:
+                raise ConfigError(
+                    f"{text}: {name} is {' or '.join(STATEMENTS[name])}, not '{value}'"
+                )
+        path, topic = cls._located(body)
+        useless = ('quaternion', 'stamps') if topic else ('revision',)
+        for name in useless:
+            if name in statements:
+                what = 'a topic' if topic else 'a file'
+                raise ConfigError(f'{text}: {name} cannot be stated of {what}')
+        return cls(path, topic, statements)
+
+    @staticmethod
+    def _located(body: str) -> tuple[Path | None, str | None]:
+        """Return the file or recording, and the topic, that a spec names."""
+        for colon in re.finditer(r':(?=/)', body):
+            recording = Path(body[: colon.start()])
+            if recording.suffix in RECORDING_SUFFIXES or exists(recording):
+                return recording, body[colon.end() :]
+        if body.startswith('/') and not exists(Path(body)):
+            return None, body
+        return Path(body), None
+
+
+def exists(path: Path) -> bool:
+    """Return whether there is such a file; False for what cannot be a path."""
+    try:
+        return path.exists()
+    except (OSError, ValueError):  # such as a name that is too long
+        return False
