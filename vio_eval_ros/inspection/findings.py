@@ -124,7 +124,7 @@ _CLOCKS = (
     FindingKind(
         'clock_step', 'streams', 'warn',
         when='the difference of the clocks steps by {clock_step_s:g} s and stays there',
-        minor='poses, the clock of the recorder, or a step that other streams have as well',
+        minor='the clock of the recorder, or transport, unless it is one sensor alone',
         evidence='a clock steps by {ms:.3g} ms, most likely {whose}',
         cure='do not set clocks while recording: let NTP or PTP slew them',
         unit='s',
@@ -234,9 +234,9 @@ _INERTIAL = (
     ),
     FindingKind(
         'units', 'IMU', 'fail',
-        when='the median acceleration is near 1 or 1000, or near 0 with rates near '
-        '{gravity_m_s2:.3g}, the median rate is above {degrees_rate_rad_s:g}, or gravity rotates '
-        'as for rates in degrees',
+        when='the median acceleration is near 1 (g) or 1000 (mg, cm/s²), the median rate near '
+        '{gravity_m_s2:.3g} (exchanged) or above {degrees_rate_rad_s:g} rad/s (degrees), or '
+        'gravity rotates as for rates in degrees',
         evidence={
             'acceleration': 'accelerations are about {value:.3g}: in {units}, not in m/s2',
             'exchanged': 'it rotates at {rate:.3g} rad/s and feels {value:.3g} m/s2: are '
@@ -249,8 +249,8 @@ _INERTIAL = (
     ),
     FindingKind(
         'bias_step', 'IMU', 'warn',
-        when='the mean rate that gravity does not show steps by {bias_step_rad_s:g} rad/s, and '
-        'tilts by {bias_step_tilt_rad:g} rad in all',
+        when='what the gyroscope is off by, against gravity, steps by {bias_step_rad_s:g} rad/s '
+        'and makes a tilt of {bias_step_tilt_rad:g} rad in all',
         evidence='the bias of the gyroscope steps by {value:.2g} rad/s: from there on gravity '
         'rotates otherwise than it says',
         cure='restart the estimator there; look into the supply and the heat of the IMU',

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 from vio_eval_ros.core.limits import limit, Limits
 
@@ -12,43 +12,37 @@ from vio_eval_ros.core.limits import limit, Limits
 CHOSEN = 'chosen on the recordings of docs/inspect.md'
 
 
-class PlatformLimit(NamedTuple):
-    """A limit that a platform changes, and why."""
-
-    profile: str
-    name: str
-    value: float
-    reason: str
-
-
-PLATFORM_LIMITS = (
-    PlatformLimit('car', 'max_rotation_rad_s', 5.0, 'a car that spins on ice stays below 5 rad/s'),
-    PlatformLimit('car', 'lever_arm_m', 6.0, 'the sensors of a vehicle are metres apart'),
-    PlatformLimit('handheld', 'max_speed_m_s', 12.5, 'the fastest sprinters reach 12.4 m/s'),
-    PlatformLimit('legged', 'max_speed_m_s', 10.0, 'legged robots run at 1 to 5 m/s'),
-    PlatformLimit(
-        'legged',
-        'spike_acceleration_m_s2',
-        20.0,
-        'a foot that touches down shakes the body by 1 to 2 g within a sample',
-    ),
-    PlatformLimit('indoor_robot', 'max_speed_m_s', 5.0, 'indoor robots drive at up to 2 m/s'),
-    PlatformLimit('indoor_robot', 'max_rotation_rad_s', 10.0, 'they turn at up to 4 rad/s'),
-)
-
-
-def _profiled() -> dict[str, dict[str, float]]:
-    profiles: dict[str, dict[str, float]] = {}
-    for one in PLATFORM_LIMITS:
-        profiles.setdefault(one.profile, {})[one.name] = one.value
-    return profiles
+#: by profile: the limits that the platform changes, each with the reason
+CHANGES: dict[str, dict[str, tuple[float, str]]] = {
+    'car': {
+        'max_rotation_rad_s': (5.0, 'a car that spins on ice stays below'),
+        'lever_arm_m': (6.0, 'the sensors of a vehicle are metres apart'),
+    },
+    'handheld': {
+        'max_speed_m_s': (12.5, 'the fastest sprinters reach 12.4 m/s'),
+    },
+    'legged': {
+        'max_speed_m_s': (10.0, 'legged robots run at 1 to 5 m/s'),
+        'spike_acceleration_m_s2': (
+            20.0,
+            'a foot that touches down shakes the body by 1 to 2 g within a sample',
+        ),
+    },
+    'indoor_robot': {
+        'max_speed_m_s': (5.0, 'indoor robots drive at up to 2 m/s'),
+        'max_rotation_rad_s': (10.0, 'they turn at up to 4 rad/s'),
+    },
+}
 
 
 @dataclass(frozen=True)
 class InspectionLimits(Limits):
     """From where on ``inspect`` finds something; ``ConfigError`` where a value makes no sense."""
 
-    PROFILED: ClassVar[Mapping[str, Mapping[str, float]]] = _profiled()
+    PROFILED: ClassVar[Mapping[str, Mapping[str, float]]] = {
+        profile: {name: value for name, (value, _) in changes.items()}
+        for profile, changes in CHANGES.items()
+    }
 
     # when messages come
     gap_s: float = limit(0.1, 's', 'a gap lasts at least this', CHOSEN)
