@@ -190,6 +190,19 @@ def test_findings_alone_do_not_fail_but_those_asked_for_do(harmed, tmp_path):
     )
 
 
+def test_limits_and_profile_are_set_by_flags(harmed, tmp_path):
+    file = tmp_path / 'limits.yaml'
+    file.write_text('inspect: {gap_s: 1, gap_periods: 200}\n')
+    found = document(harmed, '--profile', 'car', '--limits', file)
+    assert (found['profile'], found['limits']['gap_s']) == ('car', 1)
+    assert found['limits']['max_rotation_rad_s'] == 5
+    assert found['findings'][0]['name'] == 'dropped'  # what was a gap
+    file.write_text('inspect:\n  gap_z: 1\n')
+    assert "line 2: there is no 'gap_z' here; did you mean 'gap_s'?" in complaint(
+        harmed, '--limits', file
+    )
+
+
 def test_expectations_for_euroc_pass_and_fail(clean, harmed):
     found = document(clean, '--expect', EUROC)
     assert {one['word'] for one in found['expectations']} == {'pass'}

@@ -1,1 +1,1 @@
-"""What is wrong with the sensor streams of a recording; start reading at inspection.py."""
+"""What is wrong with the sensor streams of a recording; start reading at recording.py."""

@@ -185,6 +185,22 @@ def _check_numbers(section: Section, keys: Sequence[str]) -> None:
             raise section.error(key, f'{key}: a number is expected, not negative')
 
 
+class _Subject(NamedTuple):
+    """A stream or pair that is checked, and what an expectation that is not met means."""
+
+    stream: str
+    topic: str
+    level: str
+
+    def checked(
+        self, check: str, is_met: bool, message: str, value: float | None = None
+    ) -> CheckedExpectation:
+        word = 'pass' if is_met else self.level
+        return CheckedExpectation(
+            self.stream, self.topic, check, value=value, word=word, message=message
+        )
+
+
 def _check_of_stream(
     name: str,
     section: Section,
@@ -192,13 +208,8 @@ def _check_of_stream(
     failing: Sequence[str],
     limits: InspectionLimits,
 ) -> Iterator[CheckedExpectation]:
-    topic, level = section['topic'], section.get('level', 'fail')
-
-    def checked(
-        check: str, is_met: bool, message: str, value: float | None = None
-    ) -> CheckedExpectation:
-        return CheckedExpectation(name, topic, check, value, 'pass' if is_met else level, message)
-
+    topic = section['topic']
+    checked = _Subject(name, topic, section.get('level', 'fail')).checked
     if one is None:
         yield checked('topic', False, f'there are no messages on {topic}')
         return
@@ -234,17 +245,14 @@ def _check_of_stream(
 def _check_of_pair(
     name: str, section: Section, topics: list[str], inspection: Inspection
 ) -> Iterator[CheckedExpectation]:
-    level = section.get('level', 'fail')
+    checked = _Subject(name, ', '.join(topics), section.get('level', 'fail')).checked
     pair = next((p for p in inspection.pairs if {p.first, p.second} == set(topics)), None)
-    shown = ', '.join(topics)
     if pair is None:
-        message = 'not two cameras that overlap in time'
-        yield CheckedExpectation(name, shown, 'streams', None, level, message)
+        yield checked('streams', False, 'not two cameras that overlap in time')
         return
     for key, (unit, figure) in PAIR_FIGURES.items():
         if key in section:
-            is_met, message, value = _limited(key, float(section[key]), figure(pair), unit)
-            yield CheckedExpectation(name, shown, key, value, 'pass' if is_met else level, message)
+            yield checked(key, *_limited(key, float(section[key]), figure(pair), unit))
 
 
 def _limited(key: str, limit: float, value: float, unit: str) -> tuple[bool, str, float]:

@@ -78,15 +78,16 @@ class FindingKind:
         :param measured: the other fields of the evidence.
         """
         text = self.evidence if isinstance(self.evidence, str) else self.evidence[case]
+        unit = unit or self.unit
         return Finding(
-            self,
-            where if isinstance(where, str) else where.topic,
-            self._level(where, severe, minor),
-            text.format(count=count, value=value, unit=unit or self.unit, **measured),
-            count,
-            value,
-            unit or self.unit,
-            moments,
+            kind=self,
+            topic=where if isinstance(where, str) else where.topic,
+            level=self._level(where, severe, minor),
+            message=text.format(count=count, value=value, unit=unit, **measured),
+            count=count,
+            value=value,
+            unit=unit,
+            moments=moments,
         )
 
     def _level(self, where: SensorStream | str, severe: bool, minor: bool) -> str:

@@ -11,7 +11,8 @@ from vio_eval_ros.core.sensor_stream import runs, SensorStream
 from vio_eval_ros.inspection.consistency import consistency
 from vio_eval_ros.inspection.finding import Finding
 from vio_eval_ros.inspection.findings import FINDINGS
-from vio_eval_ros.inspection.glitches import Glitches, glitches, still_limits
+from vio_eval_ros.inspection.glitches import Glitches, glitches
+from vio_eval_ros.inspection.imu_axes import still_limits
 from vio_eval_ros.inspection.limits import InspectionLimits
 from vio_eval_ros.inspection.measured_stream import Inertial, Timing
 

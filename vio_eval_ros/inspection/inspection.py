@@ -13,11 +13,11 @@ from vio_eval_ros.inspection.cameras import Pair, pairs
 from vio_eval_ros.inspection.clocks import clocks
 from vio_eval_ros.inspection.finding import Finding
 from vio_eval_ros.inspection.findings import FINDINGS, worst_first
-from vio_eval_ros.inspection.glitches import measures
 from vio_eval_ros.inspection.inertial import inertial
 from vio_eval_ros.inspection.limits import InspectionLimits
 from vio_eval_ros.inspection.measured_stream import MeasuredStream
 from vio_eval_ros.inspection.pose_motion import pose_motion
+from vio_eval_ros.inspection.stuck import measures
 from vio_eval_ros.inspection.timing import timing
 from vio_eval_ros.inspection.wrong_stamps import corrected
 

@@ -128,7 +128,14 @@ def _intervals(
     is_due = stream.is_sensor or _is_regular(periods, period)
     is_whole |= not is_due or stream.stamps_ns is None
     numbers = np.where(is_whole, 1, np.maximum(2, np.rint(periods / period)))
-    return Intervals(order, periods, period, is_whole, ~is_whole & is_long, numbers)
+    return Intervals(
+        order=order,
+        periods_s=periods,
+        period_s=period,
+        is_whole=is_whole,
+        is_gap=~is_whole & is_long,
+        numbers=numbers,
+    )
 
 
 def _period(periods: np.ndarray) -> tuple[float, bool]:
