@@ -43,7 +43,7 @@ class Pair:
         half a period, since whole ones cannot be determined.
     :param skew_jitter_s: the spread of that, robust.
     :param skew_drift_ppm: by how much faster than the first the clock of the second runs; NaN
-        where there are too few frames to tell, or it does not run evenly.
+        where there are too few frames, or it does not run evenly.
     :param frames: of both, in the time that they have in common.
     :param unsynchronised: those among them that have no partner.
     """

@@ -135,7 +135,7 @@ def _most_certain_step(bias: np.ndarray) -> tuple[float, int, float]:
     Return by how many deviations (N, 3) biases step, before which, and by how much.
 
     The deviation is that of the difference of two means, of equal variances or of different ones
-    (Welch), whichever is larger: a short side that is odd varies more than the long one.
+    (Welch), whichever is larger: a short side that is an outlier varies more than the long one.
     """
     best = (0.0, 0, 0.0)
     count = len(bias)

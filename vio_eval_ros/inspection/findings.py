@@ -33,7 +33,7 @@ _TIMES = (
         'silent', 'streams', 'fail', in_poses='warn',
         when='a topic was recorded, but has no messages',
         evidence='the topic was recorded, but has no messages',
-        cure='see whether the driver runs; nothing came on a topic that was recorded',
+        cure='check that the driver runs',
     ),
     FindingKind(
         'gap', 'streams', 'fail', in_poses='warn',
@@ -55,7 +55,7 @@ _TIMES = (
         when='a stamp comes twice, or again within 0.001 T',
         severe='more than half of a sensor',
         evidence='{count} of {total} messages have the stamp of an earlier one{nearly}',
-        cure='look for two publishers of the topic, or a driver that stamps twice',
+        cure='look for two publishers of the topic, or a driver that publishes twice',
         unit='ratio',
     ),
     FindingKind(
@@ -69,9 +69,9 @@ _TIMES = (
         'wrong_stamp', 'streams', 'warn',
         when='a few stamps leave the sequence and return to it, with no message missing',
         severe='a sensor, off by more than T',
-        evidence='{messages} stamped wrong, by up to {value:.3g} s, between others that are '
-        'not; none is missing there',
-        cure='look into the driver; drop those messages, or stamp them as those around',
+        evidence='{messages} stamped wrong by up to {value:.3g} s, between others that are right; '
+        'no message is missing there',
+        cure='check the driver; drop those messages, or interpolate their stamps',
         unit='s',
     ),
     FindingKind(
@@ -95,14 +95,14 @@ _TIMES = (
         'late_start', 'streams', 'warn', in_poses='info',
         when='a stream begins {late_s:g} s, and {late_periods:g} T, after the first sensor',
         evidence='begins {value:.3g} s after the first {of}',
-        cure='wait for all sensors before recording; begin evaluation where all are there',
+        cure='wait for all sensors before recording; start the evaluation where all have begun',
         unit='s',
     ),
     FindingKind(
         'early_end', 'streams', 'warn', in_poses='info',
         when='a stream ends {late_s:g} s, and {late_periods:g} T, before the last sensor',
         evidence='ends {value:.3g} s before the last {of}',
-        cure='look into the log of the driver; end the evaluation where all are there',
+        cure='check the log of the driver; end the evaluation where the first sensor ends',
         unit='s',
     ),
     FindingKind(
@@ -148,7 +148,7 @@ _CLOCKS = (
         'between others that are not',
         minor='nothing else recorded meanwhile: the recorder stalled',
         evidence='{messages} recorded late, by up to {value:.3g} s',
-        cure='find what held them up (disk, processor, bus): live, they come as late',
+        cure='find what held them up (disk, processor, bus); live, they arrive as late',
         unit='s',
         amended=held_up_alone,
     ),
@@ -160,7 +160,7 @@ _CLOCKS = (
             'as in a simulation or a replay',
             'still': 'the clock of the recorder does not advance with the stamps',
         },
-        cure='nothing, where it was recorded from a simulation or a replay',
+        cure='nothing, if it was recorded from a simulation or a replay',
         unit='ppm',
         amended=partial(replay_of_all, CLOCK_DRIFT),
     ),
@@ -210,12 +210,12 @@ _INERTIAL = (
         '{stuck_axis_samples} in one axis while the others move, or a sensor that is always zero',
         evidence={
             'repeated': '{count} samples repeat the one before in {axes}, up to {value} in a row',
-            'zero': 'the {sensor} is zero throughout; where there is none, its covariance begins '
-            'with -1',
+            'zero': 'the {sensor} is zero throughout; if it does not exist, set the first element '
+            'of its covariance to -1',
             'resent': '{count} of {total} samples equal the one before: a slower sensor, sent '
             'again',
         },
-        cure='look into the driver: it repeats samples where new ones are missing',
+        cure='check the driver: it repeats samples instead of waiting for new ones',
         unit='samples',
     ),
     FindingKind(
@@ -224,13 +224,13 @@ _INERTIAL = (
         '{spike_acceleration_m_s2:g} m/s², and by ten times their range',
         severe='one that integrates to {spike_angle_rad:g} rad or {spike_speed_m_s:g} m/s',
         evidence='{samples} unlike those before and after: {axes}',
-        cure='look into the driver, its bus and its cable; leave such samples out',
+        cure='check the driver, its bus and its cable; drop such samples',
     ),
     FindingKind(
         'not_finite', 'IMU and poses', 'fail', in_poses='warn',
         when='NaN, infinite, or above 1e12',
         evidence='{samples} not finite',
-        cure='look into the driver',
+        cure='check the driver',
     ),
     FindingKind(
         'units', 'IMU', 'fail',
@@ -239,28 +239,28 @@ _INERTIAL = (
         'gravity rotates as for rates in degrees',
         evidence={
             'acceleration': 'accelerations are about {value:.3g}: in {units}, not in m/s2',
-            'exchanged': 'it rotates at {rate:.3g} rad/s and feels {value:.3g} m/s2: are '
+            'exchanged': 'it measures {rate:.3g} rad/s and {value:.3g} m/s2: are '
             'gyroscope and accelerometer exchanged?',
             'rate': 'half of the time it rotates at {value:.3g} rad/s or more: in degrees?',
             'gravity': 'gravity rotates {factor:.0f} times slower than the gyroscope says, '
             '{value:.3g} rad/s in the median: in degrees?',
         },
-        cure='convert to rad/s and m/s2, as sensor_msgs/Imu wants it',
+        cure='convert to rad/s and m/s2, as sensor_msgs/Imu defines',
     ),
     FindingKind(
         'bias_step', 'IMU', 'warn',
         when='what the gyroscope is off by, against gravity, steps by {bias_step_rad_s:g} rad/s '
         'and makes a tilt of {bias_step_tilt_rad:g} rad in all',
-        evidence='the bias of the gyroscope steps by {value:.2g} rad/s: from there on gravity '
-        'rotates otherwise than it says',
-        cure='restart the estimator there; look into the supply and the heat of the IMU',
+        evidence='the bias of the gyroscope steps by {value:.2g} rad/s: from there on it '
+        'disagrees with the rotation of gravity',
+        cure='restart the estimator there; check the supply and the temperature of the IMU',
         unit='rad/s',
     ),
     FindingKind(
         'gravity', 'IMU', 'warn',
         when='at rest, the specific force is {gravity_tolerance_m_s2:g} m/s² off '
         '{gravity_m_s2:.4g}',
-        evidence='while still, it feels {value:.4g} m/s2, not {gravity:.4g}',
+        evidence='at rest it measures {value:.4g} m/s2, not {gravity:.4g}',
         cure='calibrate the scale of the accelerometer, or correct its unit',
         unit='m/s2',
     ),
@@ -329,7 +329,7 @@ _CALIBRATION = (
         'last row is not 0 0 0 1',
         evidence='the rotation of {key} deviates from orthonormal by {value:.2g} and has '
         'determinant {determinant:.4g}; its last row is {row}',
-        cure='give all digits, no scale, no reflection, and 0 0 0 1 as the last row',
+        cure='write all digits, no scale, no reflection, and 0 0 0 1 as the last row',
     ),
     FindingKind(
         'direction', 'calibration', 'warn',
@@ -365,7 +365,7 @@ _CALIBRATION = (
         'camera_order', 'calibration', 'warn',
         when='the first of two cameras that look the same way is the right one',
         evidence='{first} is the right camera, {second} the left{unless}',
-        cure='exchange the cameras where the estimator wants the left one first',
+        cure='swap the cameras if the estimator expects the left one first',
         unit='m',
     ),
     FindingKind(
@@ -373,7 +373,7 @@ _CALIBRATION = (
         when='`T_cn_cnm1` and `T_cam_imu`, or two files, differ by {mismatch_m:g} m or '
         '{mismatch_deg:g} degrees, and no `direction` explains it',
         evidence='{apart}',
-        cure='calibrate again, or find out which file is out of date',
+        cure='recalibrate, or find out which file is out of date',
         unit='m',
     ),
     FindingKind(

@@ -25,9 +25,9 @@ class Glitches(NamedTuple):
     """
     What is wrong with the samples of an IMU one by one.
 
-    :param known: (N, 6) the samples, NaN in the axes in which they are no measurements.
+    :param known: (N, 6) the samples, NaN in the axes in which they are not measurements.
     :param stuck: how many repeat the one before, ``spikes`` stand out, ``saturated`` are at a
-        limit (which they measured to be at least), and ``not_finite`` are no numbers.
+        limit (which they measured to be at least), and ``not_finite`` are not numbers.
     """
 
     known: np.ndarray
@@ -39,7 +39,7 @@ class Glitches(NamedTuple):
 
 
 def glitches(stream: SensorStream, period_s: float, limits: InspectionLimits) -> Glitches:
-    """Return the samples without those that are no measurements, each of which is one fault."""
+    """Return the samples without those that are not measurements, each of which is one fault."""
     assert stream.numbers is not None
     is_finite = stream.is_usable
     known = np.where(is_finite[:, None], stream.numbers, math.nan)

@@ -110,15 +110,15 @@ def facts(inspection: Inspection) -> Iterator[str]:
         felt = one.inertial
         if felt is not None:
             rates = ' '.join(f'{rate:.2g}' for rate in felt.rotation_rms_rad_s)
-            rest = (
+            at_rest = (
                 f'; at rest for {felt.still_s:.3g} s ({felt.still_at_begin_s:.3g} s at the '
-                f'beginning), where it feels {felt.gravity_m_s2:.3f} m/s2 along {felt.up}'
+                f'beginning), where it measures {felt.gravity_m_s2:.3f} m/s2 along {felt.up}'
                 if felt.up
                 else '; never at rest'
             )
             yield (
                 f'motion                 {one.stream.topic}: rotates {rates} rad/s (rms, '
-                f'principal axes), accelerates {felt.acceleration_m_s2:.2g} m/s2{rest}'
+                f'principal axes), accelerates {felt.acceleration_m_s2:.2g} m/s2{at_rest}'
             )
 
 
