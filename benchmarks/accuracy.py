@@ -359,9 +359,9 @@ Every difference is relative to the other tool.
 ## Twenty pairs of files
 
 With `--max-difference-s 0.01 --rpe-pairs sequential --rpe-deltas 1f 10f`, as evo does by default.
-Files were sorted, and rows with NaN and all but the first of equal stamps dropped, before evo saw
-them; `replay` does that by itself. The table has root mean squares. The largest difference is that
-of all {count} numbers of a pair: rmse, mean, median, standard deviation, smallest and largest of
+For evo, the files were sorted, and rows with NaN and all but the first of equal stamps were
+dropped; `replay` does that itself. The table shows root mean squares. The largest difference is
+over all {count} numbers of a pair: rmse, mean, median, standard deviation, minimum and maximum of
 the ATE of position and rotation under each of the three alignments, and of the RPE of position,
 rotation and distance over 1 and 10 frames; the scale; the number of pairs.
 
@@ -369,24 +369,24 @@ rotation and distance over 1 and 10 frames; the scale; the number of pairs.
 
 ## EuRoC V1_02, evo's example
 
-Four rows of `V102.txt` repeat the stamp of the row before. evo keeps them and takes the same true
-pose twice: 798 pairs. Here the first of equal stamps stays and the others are counted, since a
-body is at one place at a time: 794 pairs. The cleaning differs, not the arithmetic. On the file
-without the four rows evo finds what `replay` finds in the file as it is:
+Four rows of `V102.txt` repeat the stamp of the row before. evo keeps them and pairs the same true
+pose twice: 798 pairs. `replay` keeps the first of equal stamps and counts the others, since a body
+is in one place at a time: 794 pairs. Only this cleaning differs, not the arithmetic: on the file
+without the four rows evo finds what `replay` finds on the original.
 
 {cleaned}
 
 With the four rows evo's RPE over one frame is {raw_trans} m and {raw_rot} deg. Given
-evo's own 798 pairs, our alignments come to the same as well. evo has no `posyaw`; the other
-column is the smallest error that trying angles finds.
+evo's own 798 pairs, our alignments agree as well. evo has no `posyaw`; its column has the smallest
+error found by a search over angles.
 
 {as_it_is}
 
 ## TUM freiburg1_xyz, RGBDSLAM with artificial drift
 
-evo was told to measure metres along the ground truth (`--pairs_from_reference`). Interpolated,
-evo wants one true pose within 0.01 s, `replay` two that are at most `--max-gap-s` apart, 0.02 s
-here.
+Here evo measures metres along the ground truth (`--pairs_from_reference`). To interpolate, evo
+needs one true pose within 0.01 s, and `replay` two that are at most `--max-gap-s` apart, here
+0.02 s.
 
 {freiburg}
 
@@ -396,28 +396,27 @@ here.
 
 Metres are along the ground truth again; along the estimate, its default, evo gives an RMSE of
 {kitti_rmse} m and a mean of {kitti_mean} m. The matrices in these files are rotations to about
-six digits. evo takes them as they are, here they become unit quaternions: hence the larger
-differences, and one of {kitti_origin} in the ATE under `origin`, which hangs on a single matrix.
+six digits. evo uses them as they are, `replay` turns them into unit quaternions. Hence the larger
+differences, and one of {kitti_origin} in the ATE under `origin`, which depends on a single matrix.
 
 ## Where the definitions differ, and why
 
-- **Equal stamps.** evo keeps all poses; here the first stays and the rest is counted.
-- **Association.** In evo each pose of the shorter trajectory takes the nearest of the other, and
-  two may take the same one. Here a pair is each other's nearest: it does not matter which side is
-  called the estimate, nor in which order poses arrive.
-- **Stamps.** Whole nanoseconds here; a float64 of seconds, as in evo, resolves 238 ns today.
+- **Equal stamps.** evo keeps all poses; here the first is kept and the others are counted.
+- **Association.** In evo each pose of the shorter trajectory is paired with the nearest of the
+  other, and two may share one. Here the poses of a pair are each other's nearest, so the pairs
+  depend neither on which side is the estimate nor on the order in which poses arrive.
+- **Stamps.** Integer nanoseconds here; seconds in float64, as in evo, resolve 238 ns today.
 - **Tolerance.** 0.02 s by default, as in the TUM RGB-D scripts, and 0.01 s in evo.
-- **RPE pairs.** From every pose by default; evo goes on from where the last one ended.
-- **Metres.** Along the ground truth, so that an error of scale does not move the yardstick; along
-  the estimate in evo by default. With `--rpe-pairs sequential` the ends are the poses nearest to
-  every multiple of the delta; in evo the next starts where the last ended, and overshoots add up.
-- **Scale.** The RPE uses the scale of the alignment where that has one, so that ATE and RPE are
-  about the same estimate; in evo only with `-s`.
+- **RPE pairs.** From every pose by default; in evo each pair starts where the previous one ended.
+- **Metres.** Along the ground truth, so that a scale error does not change the delta; along the
+  estimate in evo by default. With `--rpe-pairs sequential` pairs end at the poses nearest to the
+  multiples of the delta; in evo each starts where the previous one ended, and overshoots add up.
+- **Scale.** The RPE uses the scale of the alignment if it has one, so that ATE and RPE describe
+  the same estimate; in evo only with `-s`.
 - **Straight lines and single points.** evo refuses to align them. Here positions are scored,
   rotation errors are null, and a warning says so.
-- **KITTI segments** start at every tenth pose, as in the devkit, but of the matched ones: a run
-  that lost frames has fewer of them.
-"""
+- **KITTI segments** start at every tenth matched pose (in the devkit at every tenth pose), so a
+  run that lost frames has fewer segments."""
 
 
 def document() -> tuple[str, list[Figure]]:
@@ -429,7 +428,7 @@ def document() -> tuple[str, list[Figure]]:
         count=len(golden[0][1]),
         golden=golden_table(golden),
         cleaned=table(cleaned, 'evo'),
-        as_it_is=table(as_it_is, 'evo, trying'),
+        as_it_is=table(as_it_is, 'evo, search'),
         freiburg=table(fr1, 'evo'),
         kitti=table(kitti_00, 'evo, devkit'),
         raw_trans=shown(raw['rpe_1f_trans_rmse_m']),

@@ -227,8 +227,8 @@ def linear(case: Case, limit: float) -> Target:
     )
     ratios = [(long - start) / (short - start) / 10 for start, short, long in rounds]
     return Target(
-        f'Time a pose, process start taken off: at most {limit:g} times as much among '
-        '1,000,000 as among 100,000',
+        f'Time per pose, without process start: for 1,000,000 poses at most {limit:g} times that '
+        'for 100,000',
         ranged(ratios, 2),
         median(ratios) <= limit,
     )
@@ -281,18 +281,18 @@ def section(targets: Sequence[Target], cases: Sequence[Case], alone: Case | None
             lines.append(f'| {count} | {ranged(seconds, 3)} | {median(peaks):.0f} |')
     lines += [
         '',
-        'Ratios are taken within each round and then the median of them: the processes of a '
-        'round run one after the other, in an order that changes from round to round '
+        'A ratio is the median of the ratios of all rounds. The processes of a round run one '
+        'after the other, in an order that changes from round to round '
         f'({", ".join(f"{case.title}: {case.rounds} rounds" for case in cases)}).',
         '',
         'Time is that of the whole process, start included; memory is the largest resident set. '
-        'Compiled modules and settings of both are there from a first run that is not counted, '
-        'the files are in memory. In that run both find the same ATE and RPE, to the six '
-        'decimals that evo prints.',
+        'A first run, which is not counted, compiles modules, writes settings and brings the '
+        'files into memory. In it both find the same ATE and RPE, to the six decimals that evo '
+        'prints.',
         '',
-        'One `replay` gives what takes evo several runs: ATE of position and rotation, RPE of '
+        'One `replay` gives what takes several runs of evo: ATE of position and rotation; RPE of '
         'position, rotation, displacement and distance over 1 frame, 1 s and 10 m from every '
-        'pose, each with all statistics, drift over path segments, and the ATE under the other '
+        'pose, each with all statistics; drift over path segments; and the ATE under the other '
         'alignments. `evo_ape -a` gives the ATE of the position, `evo_rpe` the RPE of the '
         'position over 1 frame.',
         '',

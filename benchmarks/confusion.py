@@ -381,15 +381,15 @@ def main() -> int:
     )
     promised = [*counts.targets(), took]
     lines = [
-        f'What `diagnose` calls faults put into {number} published runs. '
+        f'Faults injected into {number} published runs, and what `diagnose` names them. '
         'Measured by `benchmarks/confusion.py`.',
         '',
         *targets_table(promised),
         '',
         *counts.tables(),
         '',
-        'Rows are faults, columns the first cause named. Too small is what could be undone '
-        'without any error becoming 5 % smaller. Failures are explained in '
+        'Rows are injected faults, columns the first cause named. A fault is too small if '
+        'undoing it makes no error smaller by 5 %. Failures are explained in '
         '[diagnose](diagnose.md). Time is that of the whole process, reading an mcap file '
         'included.',
         '',

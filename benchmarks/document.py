@@ -15,9 +15,9 @@ DOCUMENT = Path(__file__).resolve().parents[1] / 'docs' / 'benchmarks.md'
 SECTIONS = ('Replay', 'Suites', 'Live', 'Play', 'Diagnosis', 'IMU noise')
 HEAD = """# Benchmarks
 
-Written by `make bench`, a section by each of `benchmarks/compare.py`, `suite.py`, `live.py`,
+Written by `make bench`: each section by one of `benchmarks/compare.py`, `suite.py`, `live.py`,
 `play.py`, `confusion.py` and `imu_noise.py`, which can also be run alone. Figures are medians,
-with the smallest and the largest in brackets."""
+with minimum and maximum in brackets."""
 
 
 class Target(NamedTuple):

@@ -37,7 +37,7 @@ BARE, YOUNG, OLD, BOUNDED = 'single', 'young', 'old', 'bounded'
 WAYS = {
     BARE: '`SingleThreadedExecutor`',
     'multi': '`MultiThreadedExecutor`',
-    'polled': 'no executor: all that there are, 20 times a second',
+    'polled': 'no executor: all waiting messages, 20 times per second',
     'events': '`experimental.EventsExecutor`',  # the last, since it disturbs and does not end
 }
 YOUNG_S = 3.0  # in which there come more than 1,000 pairs
@@ -177,12 +177,12 @@ def targets(measured: Measured, size: Size) -> list[Target]:
     pairs, early, most = (f'{n:,}' for n in (size.pairs, size.early_pairs, size.max_pairs))
     return [
         Target(
-            'CPU time a message: at most 1.25 times that of a bare rclpy node',
+            'CPU time per message: at most 1.25 times that of a bare rclpy node',
             ranged(beside_bare, 2),
             median(beside_bare) <= 1.25,
         ),
         Target(
-            f'CPU time a message after {pairs} pairs: at most 1.1 times that after 1,000',
+            f'CPU time per message after {pairs} pairs: at most 1.1 times that after 1,000',
             ranged(of_age, 2),
             median(of_age) <= 1.1,
         ),
@@ -193,12 +193,12 @@ def targets(measured: Measured, size: Size) -> list[Target]:
             not longest.missing,
         ),
         Target(
-            f'Memory: at most 200 bytes a pair, between {early} and {pairs} of them',
+            f'Memory: at most 200 bytes per pair, between {early} and {pairs} of them',
             f'{old:.0f}',
             old <= 200,
         ),
         Target(
-            f'Memory with `max_pairs` of {most}: at most 20 bytes a pair, between {early} and '
+            f'Memory with `max_pairs` of {most}: at most 20 bytes per pair, between {early} and '
             f'{pairs}',
             f'{bounded:.0f}',
             bounded <= 20,
@@ -213,7 +213,7 @@ def rounds_table(measured: Measured, size: Size) -> Iterator[str]:
         YOUNG: 'evaluator, after 1,000 pairs',
         OLD: f'evaluator, after {size.pairs:,} pairs',
     }
-    yield '| process | CPU time a message [µs] | CPU [%] | lost or late |'
+    yield '| process | CPU time per message [µs] | CPU [%] | lost or late |'
     yield '|---|---:|---:|---:|'
     for name, title in names.items():
         usages = [usages[name] for usages in measured.rounds]
@@ -226,7 +226,7 @@ def rounds_table(measured: Measured, size: Size) -> Iterator[str]:
 
 def limits_table(measured: Measured) -> Iterator[str]:
     """Yield how much is too much."""
-    yield '| messages a second | bare rclpy node: lost | CPU [%] | evaluator: lost | CPU [%] |'
+    yield '| messages per second | bare rclpy node: lost | CPU [%] | evaluator: lost | CPU [%] |'
     yield '|---:|---:|---:|---:|---:|'
     bare, evaluator = measured.limits[BARE], measured.limits[YOUNG]
     for k in range(max(len(bare), len(evaluator))):
@@ -260,26 +260,26 @@ def section(measured: Measured, size: Size, promised: Sequence[Target]) -> list[
         '',
         *rounds_table(measured, size),
         '',
-        f'All three hear the same messages at the same time, in {len(size.rounds_s)} rounds of '
+        f'All three receive the same messages at the same time, in {len(size.rounds_s)} rounds of '
         f'{", ".join(f"{s:g}" for s in size.rounds_s)} s: 1,000 Hz of Odometry with covariances '
-        'and 400 Hz of TransformStamped, each published when the clock says so. Subscriptions '
-        'are reliable and 5,000 messages deep. The bare node has both subscriptions with a '
-        'callback that only counts, in a `SingleThreadedExecutor` that spins. CPU time is what '
-        'Linux counts for the process, user and system, all threads, during the round. Ratios '
-        'are taken within each round. The two younger processes are new ones in each round; the '
-        'old evaluator has been fed its past at twelve times the pace. Lost or late is what had '
-        'been sent, but two seconds after the round not received, or what the evaluator '
-        'dropped as too late for a pair.',
+        'and 400 Hz of TransformStamped, each published on schedule. Subscriptions are reliable, '
+        'with a depth of 5,000. The bare node has both subscriptions, with a callback that only '
+        'counts, in a spinning `SingleThreadedExecutor`. CPU time is the user and system time of '
+        'all threads of the process during the round. Ratios are taken within each round. The '
+        'bare node and the first evaluator are started anew for each round; the second evaluator '
+        'was fed its earlier pairs at twelve times real time. A message is lost or late if it '
+        'had not been received two seconds after the round, or if the evaluator dropped it as '
+        'too late for a pair.',
         '',
-        'Memory is what the process has of its own (`RssAnon`), at two moments of that past.',
+        'Memory is the private memory of the process (`RssAnon`), at two moments of that feeding.',
         '',
-        'How much is too much, sent at once to a single process:',
+        'Increasing load on a single process, until it loses messages:',
         '',
         *limits_table(measured),
         '',
-        'The evaluator takes its messages itself, all that there are, 20 times a second, and '
-        'decodes them in columns; an executor wakes up for each, and has a Python object '
-        "made of it. That is the difference, and not the executor's kind:",
+        'The evaluator takes all waiting messages 20 times per second and decodes them in '
+        'columns. An executor wakes up for each message and makes a Python object of it. That '
+        'makes the difference, not the kind of executor:',
         '',
         *ways_table(measured),
         '',

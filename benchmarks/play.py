@@ -234,10 +234,11 @@ def main() -> int:
         '',
         *table(rows, [rate for *_, rate in cases]),
         '',
-        'A process plays into another one that only notes when each message arrives. The timing '
-        'error is how much later that is than its time in the recording says, beside the '
-        'earliest of all. Memory is what the process has of its own (`RssAnon`): the median of '
-        'the first quarter of the time, and how much more that of the last quarter is.',
+        '`play` publishes to another process, which only notes when each message arrives. The '
+        'timing error is how much later than its time in the recording a message arrives, '
+        'relative to the earliest of all. Memory is the private memory of the process '
+        '(`RssAnon`), the median over the first quarter of the time; growth is the median over '
+        'the last quarter minus that.',
         '',
         machine('numpy', 'rosbags', 'ros-rclpy', 'ros-rmw-fastrtps-cpp'),
     ]

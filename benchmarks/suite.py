@@ -92,10 +92,10 @@ def section(
         yield f'| `{name}` | {taken:.1f} | {taken / usual:.1f} |'
     yield ''
     yield (
-        f'{SIZES["euroc"].truths:,} true poses and {SIZES["euroc"].estimates:,} estimates a run, '
-        f'all of one sequence. `score` in {ROUNDS} rounds, before evo and after it. Both find the '
-        'same, to the six decimals that evo prints. `score` uses all '
-        f'{os.cpu_count()} cores and gives what `replay` gives of every run, and the verdict.'
+        f'{SIZES["euroc"].truths:,} true poses and {SIZES["euroc"].estimates:,} estimates per '
+        f'run, all of one sequence. `score` runs in {ROUNDS} rounds, before and after evo. Both '
+        'find the same errors, to the six decimals that evo prints. `score` uses all '
+        f'{os.cpu_count()} cores, and gives what `replay` gives for each run, and the verdict.'
     )
     yield ''
     yield machine('numpy', 'evo')
