@@ -35,8 +35,8 @@ from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.correction import Correction
+from vio_eval_ros.diagnosis.diagnosed_run import DiagnosedRun, improvement
 from vio_eval_ros.diagnosis.diagnosis import diagnose, diagnose_run, Diagnosis
-from vio_eval_ros.diagnosis.run import improvement, Run
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.simulation import simulate, SimulatedRun, write_recording
 from vio_eval_ros.simulation.faults import inject
@@ -123,14 +123,14 @@ def healthy(subject: Subject) -> tuple[Subject, Diagnosis]:
     return replace(subject, estimate=found.corrected), found
 
 
-def as_live(estimate: Trajectory, truth: Trajectory) -> Run:
+def as_live(estimate: Trajectory, truth: Trajectory) -> DiagnosedRun:
     """Return the run as the node has it, which keeps pairs alone."""
     evaluation = Evaluation(EvaluationConfig())
     evaluation.add_ground_truth(truth)
     evaluation.add_estimate(estimate)
     evaluation.flush()
     pairs = evaluation.summary().pairs
-    return Run(pairs.estimate, pairs.ground_truth, EvaluationConfig())
+    return DiagnosedRun(pairs.estimate, pairs.ground_truth, EvaluationConfig())
 
 
 def matters(before: Subject, after: Trajectory, name: str) -> bool:
@@ -139,7 +139,7 @@ def matters(before: Subject, after: Trajectory, name: str) -> bool:
         return True
     errors = []
     for estimate in (after, before.estimate):
-        run = Run(estimate, before.truth, EvaluationConfig())
+        run = DiagnosedRun(estimate, before.truth, EvaluationConfig())
         errors.append(run.errors(Correction(run.middle_ns)))
     _, as_harmed, undone = improvement(errors[0], errors[1])
     return undone <= (1 - COUNTS) * as_harmed

@@ -28,8 +28,8 @@ from vio_eval_ros.core import rotation
 from vio_eval_ros.core.cleaning import clean, Cleaning
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.trajectory import Trajectory
+from vio_eval_ros.diagnosis.diagnosed_run import DiagnosedRun
 from vio_eval_ros.diagnosis.diagnosis import diagnose, diagnose_run, Diagnosis
-from vio_eval_ros.diagnosis.run import Run
 from vio_eval_ros.errors import NoPairs
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.simulation import Drift, simulate
@@ -217,7 +217,7 @@ def poses_of(*specs: str) -> tuple[Trajectory, Trajectory]:
     return estimated, truth
 
 
-def named(run: Run) -> set[str]:
+def named(run: DiagnosedRun) -> set[str]:
     """Return the causes that are named of a run."""
     return {cause.name for cause in diagnose_run(run).causes}
 

@@ -25,7 +25,7 @@ LAYERS = {
     'settings': {'core'},
     'rendering': {'core'},
     'recordings': {'core'},
-    'diagnosis': {'core'},
+    'diagnosis': {'core', 'recordings', 'rendering'},
     # a recording is inspected, or its IMU analysed, by name: as a library and on the command line
     'imu': {'core', 'recordings', 'rendering'},
     'inspection': {'core', 'recordings', 'rendering', 'settings'},

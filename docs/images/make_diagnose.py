@@ -26,9 +26,9 @@ from vio_eval_ros.core.metrics import position_errors
 from vio_eval_ros.core.trajectory import Pairs, Trajectory
 from vio_eval_ros.diagnosis.conventions import candidates
 from vio_eval_ros.diagnosis.correction import Correction
+from vio_eval_ros.diagnosis.diagnosed_run import DiagnosedRun
 from vio_eval_ros.diagnosis.diagnosis import diagnose
-from vio_eval_ros.diagnosis.fitting import horizon, relative_turns, robust_similarity
-from vio_eval_ros.diagnosis.run import Run
+from vio_eval_ros.diagnosis.fitting import horizon, relative_rotations, robust_similarity
 from vio_eval_ros.simulation import simulate, SimulatedRun
 from vio_eval_ros.simulation.faults import inject
 
@@ -58,7 +58,7 @@ def said(run: SimulatedRun, name: str) -> str:
 
 def pairs_of(run: SimulatedRun) -> Pairs:
     """Return the estimates with the true pose at each of their stamps."""
-    side_by_side = Run(run.estimate, run.ground_truth, CONFIG)
+    side_by_side = DiagnosedRun(run.estimate, run.ground_truth, CONFIG)
     return side_by_side.pairs(Correction(side_by_side.middle_ns))
 
 
@@ -97,12 +97,12 @@ def correlation(axes: Axes, run: SimulatedRun) -> None:
     for each, colour in ((HEALTHY, BLUE), (run, RED)):
         poses = each.estimate
         begin, end = horizon(poses.stamps_ns, 0.1)
-        speed = np.linalg.norm(relative_turns(poses.rotations, begin, end), axis=1)
-        truth = Run(poses, each.ground_truth, CONFIG).true_poses
+        speed = np.linalg.norm(relative_rotations(poses.rotations, begin, end), axis=1)
+        truth = DiagnosedRun(poses, each.ground_truth, CONFIG).true_poses
         heights = []
         for lag_s in lags_s:
             then = truth.at(poses.stamps_ns - round(lag_s * 1e9)).rotations
-            true_speed = np.linalg.norm(relative_turns(then, begin, end), axis=1)
+            true_speed = np.linalg.norm(relative_rotations(then, begin, end), axis=1)
             heights.append(np.corrcoef(speed, true_speed)[0, 1])
         axes.plot(1e3 * lags_s, heights, color=colour)
         axes.axvline(1e3 * lags_s[np.argmax(heights)], color=colour, lw=0.8, ls=':')
@@ -132,7 +132,7 @@ def turns_of_both(axes: Axes, run: SimulatedRun) -> None:
         pairs = pairs_of(each)
         begin, end = horizon(pairs.estimate.stamps_ns, 0.25)
         own, true = (
-            np.degrees(relative_turns(side.rotations, begin, end)[:, 0])
+            np.degrees(relative_rotations(side.rotations, begin, end)[:, 0])
             for side in (pairs.estimate, pairs.ground_truth)
         )
         axes.plot(true, own, '.', ms=2, color=colour)
@@ -217,7 +217,7 @@ def misfits(axes: Axes, run: SimulatedRun) -> None:
     labels, of_turns, of_moves = [], [], []
     for convention in candidates():
         poses = convention.undo(pairs.estimate)
-        turned = (relative_turns(side.rotations, *short) for side in (poses, truth))
+        turned = (relative_rotations(side.rotations, *short) for side in (poses, truth))
         moved = (side.positions[long[1]] - side.positions[long[0]] for side in (poses, truth))
         of_turns.append(robust_similarity(*turned, False)[2])
         of_moves.append(robust_similarity(*moved, True)[2])
@@ -290,7 +290,7 @@ def offset_experiment(figure: Figure) -> None:
         run = harmed('time_offset', offset_ms / 1e3)
         pairs = pairs_of(run)
         alignment, positions = aligned(pairs)
-        truth = Run(run.estimate, run.ground_truth, CONFIG).true_poses
+        truth = DiagnosedRun(run.estimate, run.ground_truth, CONFIG).true_poses
         stamps_ns = pairs.estimate.stamps_ns
         before, after = (truth.at(stamps_ns + step) for step in (-5_000_000, 5_000_000))
         between = rotation.multiply(rotation.conjugate(before.rotations), after.rotations)

@@ -18,6 +18,7 @@ from typing import Any
 from vio_eval_ros.core.config import EvaluationConfig, Options
 from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.core.limits import Described, Limits
+from vio_eval_ros.diagnosis.limits import DiagnosisLimits
 from vio_eval_ros.imu.limits import ImuNoiseLimits
 from vio_eval_ros.inspection import expectations
 from vio_eval_ros.inspection.limits import InspectionLimits
@@ -27,7 +28,11 @@ from vio_eval_ros.scoring.baseline import Rule
 
 Schema = dict[str, Any]
 #: verb to its limits
-LIMITS: dict[str, type[Limits]] = {'imu_noise': ImuNoiseLimits, 'inspect': InspectionLimits}
+LIMITS: dict[str, type[Limits]] = {
+    'diagnose': DiagnosisLimits,
+    'imu_noise': ImuNoiseLimits,
+    'inspect': InspectionLimits,
+}
 FOLDER = Path(__file__).resolve().parent
 DRAFT = 'https://json-schema.org/draft/2020-12/schema'
 NUMBER = {'type': 'number'}
@@ -327,7 +332,8 @@ def limits_file() -> Schema:
 
 def limit(item: Described) -> Schema:
     meaning = f'{item.meaning} [{item.unit}]' if item.unit else item.meaning
-    return {**NUMBER, 'default': item.value, 'description': meaning}
+    kind = {'type': 'boolean'} if isinstance(item.value, bool) else NUMBER
+    return {**kind, 'default': item.value, 'description': meaning}
 
 
 FILES = {

@@ -81,7 +81,7 @@ def test_a_jump_is_told_by_its_moment(flight):
 
 def test_what_to_state_of_a_source_is_shown_where_it_goes(flight):
     done = diagnose(*pair(flight, 'conjugated'))
-    assert "behind the spec of the estimate: '?invert=rotation'" in done.stdout
+    assert "append to the spec of the estimate: '?invert=rotation'" in done.stdout
 
 
 def test_a_statement_advised_is_a_statement_understood(flight):
@@ -161,7 +161,7 @@ def test_poses_that_cannot_be_used_are_pointed_out(flight, tmp_path):
     done = diagnose('--estimate', tmp_path / 'est.txt', *pair(flight, 'est')[2:])
     assert done.returncode == 0, done.stderr
     said, *rest = done.stdout.splitlines()
-    assert said == 'nothing unusual, but for what is below'
+    assert said == 'nothing unusual, apart from the warnings below'
     assert 'warning: the estimate has poses that were left out: 1 non_finite.' in rest
     assert any('stamps far from all others, left out: 1.' in line for line in rest)
 
@@ -172,7 +172,7 @@ def test_orientations_that_were_never_filled_in_are_pointed_out(flight, tmp_path
     (tmp_path / 'est.txt').write_text(tum(replace(poses, rotations=blank)))
     files = ['--estimate', tmp_path / 'est.txt', *pair(flight, 'est')[2:]]
     said = diagnose(*files).stdout
-    assert said.startswith('nothing unusual, but for what is below\n')
+    assert said.startswith('nothing unusual, apart from the warnings below\n')
     assert 'all orientations of the estimate are the same' in said
     found = json.loads(diagnose(*files, '--json').stdout)
     assert found['findings']['orientations_that_never_change'] == ['estimate']
@@ -188,7 +188,7 @@ def test_no_statement_is_advised_that_says_how_the_file_was_read(flight, tmp_pat
     for statement in ('', '?quaternion=xyzw'):
         done = diagnose('--estimate', f'{tmp_path}/moved.txt{statement}', *truth)
         assert done.stdout.startswith('1. quaternion_order')
-        assert 'behind the spec' not in done.stdout
+        assert 'append to the spec' not in done.stdout
     # a file of x y z w that was read as if w came first
     done = diagnose('--estimate', f'{flight}/est.txt?quaternion=wxyz', *truth)
     assert '?quaternion=xyzw' in done.stdout
@@ -272,14 +272,14 @@ def test_a_headline_does_not_contradict_the_gyroscope(flight, tmp_path):
     assert 'disagrees' not in healthy
     for text, named in (
         (said(rows, -90_000_000), 'the estimate is 90.'),
-        (said(rows[:, [1, 2, 0]]), 'it is turned by 1'),
+        (said(rows[:, [1, 2, 0]]), 'it is rotated by 1'),
         (said(rows * [1, -1, 1]), 'an axis mirrored or two swapped'),
     ):
-        assert text.splitlines()[0] == 'nothing unusual, but for what is below'
+        assert text.splitlines()[0] == 'nothing unusual, apart from the warnings below'
         assert 'warning: the gyroscope disagrees: ' in text
         assert named in text
     degrees = said(np.degrees(rows))
-    assert degrees.splitlines()[0] == 'nothing unusual, but for what is below'
+    assert degrees.splitlines()[0] == 'nothing unusual, apart from the warnings below'
     assert 'were taken for deg/s' in degrees
     assert 'disagrees' not in degrees
 
@@ -289,7 +289,7 @@ def test_a_gyroscope_that_never_turns_is_refused(flight, tmp_path):
     rows = [f'{stamp},0,0,0,0,0,9.81' for stamp in stamps_ns.tolist()]
     (tmp_path / 'imu.csv').write_text('\n'.join(rows) + '\n')
     said = complaint(*pair(flight, 'est'), '--imu', tmp_path / 'imu.csv')
-    assert 'do not both turn' in said
+    assert 'do not both rotate' in said
 
 
 def test_a_truth_that_was_interpolated_is_pointed_out(flight, tmp_path):
@@ -332,7 +332,7 @@ def test_two_signals_are_aligned_without_any_trajectory(tmp_path):
     assert json.loads(diagnose(*files, '--json').stdout)['left_out'] == [2, 0]
     said = diagnose(*files).stdout
     assert '2 rows of ' in said
-    assert 'a.csv repeat a stamp or are no finite numbers' in said
+    assert 'a.csv repeat a stamp or are not finite numbers' in said
 
 
 def test_opposite_signs_and_ambiguous_lags_are_told(tmp_path):

@@ -11,11 +11,13 @@ import pytest
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.trajectory import Trajectory
+from vio_eval_ros.diagnosis.causes import CAUSES
 from vio_eval_ros.diagnosis.correction import Correction
-from vio_eval_ros.diagnosis.diagnosis import diagnose, NAMES
+from vio_eval_ros.diagnosis.diagnosed_run import DiagnosedRun
+from vio_eval_ros.diagnosis.diagnosis import diagnose
 from vio_eval_ros.diagnosis.fitting import student
 from vio_eval_ros.diagnosis.geometry import fit_scale
-from vio_eval_ros.diagnosis.run import Run
+from vio_eval_ros.diagnosis.limits import DiagnosisLimits
 from vio_eval_ros.errors import NoPairs
 from vio_eval_ros.simulation import Drift, simulate
 
@@ -66,7 +68,7 @@ def test_the_interval_of_a_scale_holds_though_errors_walk_at_random(kind):
         errors = source.normal(0, 0.01, flight.estimate.positions.shape)
         errors = np.cumsum(errors, axis=0) if kind == 'walk' else errors
         off = replace(flight.estimate, positions=flight.estimate.positions + errors)
-        run = Run(off, flight.ground_truth, CONFIG)
+        run = DiagnosedRun(off, flight.ground_truth, CONFIG)
         scale = fit_scale(run.pairs(Correction(run.middle_ns)))
         held += abs(scale.value - 1) <= scale.uncertainty
     assert 34 <= held  # of 40; 38 are due
@@ -398,7 +400,7 @@ def test_a_heading_that_runs_away_is_measured():
     path_m = np.linalg.norm(np.diff(TRUTH.positions, axis=0), axis=1).sum()
     per_m = found.causes[0].value * 1 / path_m  # in a minute
     assert found.findings['yaw_drift_deg_per_m'] == pytest.approx(per_m, rel=0.02)
-    assert f'{per_m:.2g} deg a metre' in found.causes[0].evidence
+    assert f'{per_m:.2g} deg per metre' in found.causes[0].evidence
 
 
 def test_a_scale_that_grows_along_the_run_is_measured():
@@ -520,7 +522,7 @@ def test_of_two_that_stand_still_nothing_can_be_told():
 
     found = diagnose(resting(ESTIMATE), resting(TRUTH), CONFIG)
     assert names(found) == ['insufficient_motion']
-    assert set(found.cannot_tell) == set(NAMES) - {'truth_static', 'insufficient_motion'}
+    assert set(found.cannot_tell) == set(CAUSES) - {'truth_static', 'insufficient_motion'}
 
 
 def test_what_a_straight_way_does_not_show_cannot_be_told():
@@ -579,8 +581,11 @@ def test_the_document_is_strict_json_with_the_names_listed():
     document = json.loads(json.dumps(found.to_dict(), allow_nan=False))
     assert document['schema'] == 'vio_eval_ros.diagnosis/1'
     assert document['causes'][0]['ate_before_m'] is None
-    assert set(document) == {'schema', 'causes', 'cannot_tell', 'findings'}
-    assert document['causes'][0]['name'] in NAMES
+    assert set(document) == {
+        *('schema', 'profile', 'limits', 'causes', 'cannot_tell', 'warnings', 'findings')
+    }
+    assert document['limits'] == DiagnosisLimits().to_dict()
+    assert document['causes'][0]['name'] in CAUSES
 
 
 def test_a_handful_of_poses_is_refused():
@@ -806,5 +811,5 @@ def test_no_pair_of_motions_breaks_it(seed):
     with warnings.catch_warnings():
         warnings.simplefilter('error')
         found = diagnose(*sides, CONFIG)
-    assert set(names(found)) <= set(NAMES)
+    assert set(names(found)) <= set(CAUSES)
     json.dumps(found.to_dict(), allow_nan=False)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.diagnosis.diagnosis import diagnose, NAMES
+from vio_eval_ros.diagnosis.causes import CAUSES
+from vio_eval_ros.diagnosis.diagnosis import diagnose
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.simulation import FAULTS, simulate, SimulatedRun
 from vio_eval_ros.simulation.faults import inject, parse_fault
@@ -45,7 +46,7 @@ def causes_of(run: SimulatedRun) -> list:
 
 
 def test_there_is_a_fault_for_every_cause():
-    assert set(FAULTS) == set(NAMES)
+    assert set(FAULTS) == set(CAUSES)
 
 
 @pytest.mark.slow

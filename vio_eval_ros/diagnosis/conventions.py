@@ -1,4 +1,4 @@
-"""Ways of writing a pose that were mistaken for one another."""
+"""Conventions of writing a pose, and which of them an estimate or a truth was written in."""
 
 from __future__ import annotations
 
@@ -13,20 +13,22 @@ from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.fitting import (
     horizon,
     mean_rotation,
-    relative_turns,
+    relative_rotations,
     robust_similarity,
     robust_weights,
-    turn_is_told,
+    rotation_is_observable,
 )
 
-HORIZON_S = 0.25
-# the wrong convention fits many times worse; healthy runs fit to 0.1 and better
-CLEARLY = 0.5
-FITS = 0.15
-# the nearest whole axes, where two worlds disagree
-ALIGNED_RAD = math.radians(20.0)
-# what two worlds are known to, with room
-SURELY_RAD = math.radians(3.0)
+#: over which relative rotations and displacements are compared
+ROTATION_S, DISPLACEMENT_S = 0.25, 1.0
+FEWEST_MOTIONS = 10
+#: residuals: a wrong convention has many times that of the right one, which in healthy runs is
+#: 0.1 and less
+WRONG_RESIDUAL_RATIO, RIGHT_RESIDUAL_RATIO = 0.5, 0.15
+#: two worlds agree up to this angle
+SAME_WORLD_RAD = math.radians(20.0)
+#: the accuracy of the angle between two worlds, with room
+WORLD_ACCURACY_RAD = math.radians(3.0)
 W_LAST = [1, 2, 3, 0]
 W_FIRST = [3, 0, 1, 2]
 SWAPS = {'x and y': [1, 0, 2], 'y and z': [0, 2, 1], 'x and z': [2, 1, 0]}
@@ -38,11 +40,11 @@ class Convention:
     A way in which the poses may have been written.
 
     :param name: of the cause; empty where all is as it should be.
-    :param detail: in words.
-    :param quaternion: where in what was read x, y, z and w are.
+    :param detail: what was mistaken for what, in words.
+    :param quaternion: the indices of x, y, z and w among the components as read.
     :param axes: (3, 3) matrix that takes the positions as read to what was meant.
     :param conjugate: whether the rotations are inverse.
-    :param inverse: whether the whole poses are.
+    :param inverse: whether whole poses are inverse.
     """
 
     name: str = ''
@@ -67,7 +69,7 @@ class Convention:
 
 
 def candidates() -> list[Convention]:
-    """Return all ways of writing that are told apart by the rotations; the right one first."""
+    """Return all conventions that rotations distinguish; the right one first."""
     return [
         Convention(),
         Convention('quaternion_conjugated', conjugate=True),
@@ -90,105 +92,126 @@ def candidates() -> list[Convention]:
 
 
 @dataclass(frozen=True)
-class Finding:
+class FoundConvention:
     """
-    The convention that fits.
+    The convention that agrees best.
 
-    :param convention: see there.
-    :param misfit: of the relative motions, or of the two worlds, under it; small is good.
-    :param misfit_as_is: likewise as the poses were read.
-    :param of_truth: whether the truth was written in that way, not the estimate.
-    :param told: whether the motion tells conventions apart.
+    :param convention: that the poses were written in.
+    :param residual: of the relative motions, or of the two worlds, under it; small is good.
+    :param residual_as_is: likewise as the poses were read.
+    :param of_truth: whether the truth was written in it, not the estimate.
+    :param observable: whether the motion distinguishes conventions.
     """
 
     convention: Convention
-    misfit: float
-    misfit_as_is: float
+    residual: float
+    residual_as_is: float
     of_truth: bool = False
-    told: bool = True
+    observable: bool = True
 
 
-def find_convention(estimate: Trajectory, truth: Interpolator, lag_s: float) -> Finding:
+def find_convention(estimate: Trajectory, truth: Interpolator, lag_s: float) -> FoundConvention:
     """
     Return how the poses were written.
 
-    Rotation vectors of short relative motions fit those of the truth up to one rotation, that of
-    the sensor, only under a convention that differs from the right one by constant rotations.
-    Of those that fit, the right one needs the smallest turn of the sensor, and its orientations
-    agree with its positions about the world. All this knows neither scale nor drift. Who turns
-    about one axis only, as on a flat floor, does not show any of it.
+    Rotation vectors of short relative motions agree with those of the truth up to one rotation,
+    that of the sensor, only under a convention that differs from the right one by constant
+    rotations. Of those that agree, the right one needs the smallest rotation of the sensor, and
+    its orientations agree with its positions about the world. None of this depends on scale or
+    drift. A body that rotates about one axis only, as on a flat floor, reveals none of this.
 
-    :param lag_s: how late the estimate's stamps are; the angular speed, which tells it, is the
-        same under all conventions.
+    :param lag_s: how late the estimate's stamps are; the angular speed, which determines it, is
+        the same under all conventions.
     """
     stamps_ns = estimate.stamps_ns - round(lag_s * 1e9)
     inside = truth.inside(stamps_ns)
-    estimate, poses = estimate[inside], truth.at(stamps_ns[inside])
-    interval_s = float(np.median(np.diff(stamps_ns))) / 1e9
-    begin, end = horizon(stamps_ns[inside], max(HORIZON_S, interval_s))
-    far = horizon(stamps_ns[inside], max(1.0, 2 * interval_s))
-    if (
-        estimate.rotations is None
-        or poses.rotations is None
-        or len(begin) < 10
-        or len(far[0]) < 10
-    ):
-        return Finding(Convention(), math.nan, math.nan, told=False)
-    motions = _Motions(poses, begin, end, *far)
-    fitted = [motions.fit(candidate.undo(estimate)) for candidate in candidates()]
-    as_is = fitted[0]
-    if as_is.misfit < CLEARLY and not as_is.turn_told:
-        return Finding(Convention(), as_is.misfit, as_is.misfit, told=False)
-    best = min(fit.misfit for fit in fitted)
-    if not best < CLEARLY:
-        return Finding(Convention(), as_is.misfit, as_is.misfit)
-    limit = max(2 * best, FITS)
-    if as_is.misfit > limit:
-        found = _least_strange(fitted, limit)
-        mended = [
-            _Motions(candidate.undo(poses), begin, end, *far).fit(estimate)
-            for candidate in candidates()
-        ]
-        other = _least_strange(mended, limit)
-        of_truth = other[0] < found[0] - ALIGNED_RAD
-        _, chosen, fit = other if of_truth else found
-        return Finding(candidates()[chosen], fit.misfit, as_is.misfit, of_truth)
-    mirrored = motions.fit(estimate, parity=-1)
-    if mirrored.strayed < CLEARLY * min(as_is.strayed, 1.0):
-        axes, _, of_truth = mirrored.axes()
-        return Finding(_swapped(axes), mirrored.strayed, as_is.strayed, of_truth)
-    if as_is.strayed < CLEARLY and as_is.apart_rad > ALIGNED_RAD:
-        axes, left_rad, of_truth = as_is.axes()
-        _, chosen, fit = _least_strange(fitted, limit)
-        if fit.turn_rad + fit.apart_rad < as_is.turn_rad + left_rad - ALIGNED_RAD:
-            return Finding(candidates()[chosen], fit.strangeness, as_is.strangeness)
-        if not np.array_equal(axes, np.eye(3)) and left_rad < ALIGNED_RAD:
-            return Finding(_swapped(axes), left_rad, as_is.apart_rad, of_truth)
-    return Finding(Convention(), as_is.misfit, as_is.misfit)
+    motions = RelativeMotions.of(estimate[inside], truth.at(stamps_ns[inside]), stamps_ns, inside)
+    if motions is None:
+        return FoundConvention(Convention(), math.nan, math.nan, observable=False)
+    return _of_motions(motions)
+
+
+def _of_motions(motions: RelativeMotions) -> FoundConvention:
+    """Return the convention under which relative motions agree."""
+    agreements = motions.under_all_conventions()
+    as_is = agreements[0]
+    if as_is.residual < WRONG_RESIDUAL_RATIO and not as_is.observable:
+        return FoundConvention(Convention(), as_is.residual, as_is.residual, observable=False)
+    best = min(agreement.residual for agreement in agreements)
+    if not best < WRONG_RESIDUAL_RATIO:
+        return FoundConvention(Convention(), as_is.residual, as_is.residual)
+    limit = max(2 * best, RIGHT_RESIDUAL_RATIO)
+    if as_is.residual > limit:
+        return _rotations_disagree(motions, agreements, limit)
+    return (
+        _mirrored_positions(motions, as_is)
+        or _worlds_disagree(agreements, limit)
+        or FoundConvention(Convention(), as_is.residual, as_is.residual)
+    )
+
+
+def _rotations_disagree(
+    motions: RelativeMotions, agreements: list[Agreement], limit: float
+) -> FoundConvention:
+    """Return the convention of the estimate or of the truth under which rotations agree."""
+    found = _most_plausible(agreements, limit)
+    other = _most_plausible(motions.with_truth_under_all_conventions(), limit)
+    of_truth = other[0] < found[0] - SAME_WORLD_RAD
+    _, chosen, agreement = other if of_truth else found
+    return FoundConvention(
+        candidates()[chosen], agreement.residual, agreements[0].residual, of_truth
+    )
+
+
+def _mirrored_positions(motions: RelativeMotions, as_is: Agreement) -> FoundConvention | None:
+    """Return the axes of positions that agree only when mirrored, if they do."""
+    mirrored = motions.agreement(motions.estimate, parity=-1)
+    if not mirrored.position_residual < WRONG_RESIDUAL_RATIO * min(as_is.position_residual, 1.0):
+        return None
+    axes, _, of_truth = mirrored.axes()
+    return FoundConvention(
+        _swapped(axes), mirrored.position_residual, as_is.position_residual, of_truth
+    )
+
+
+def _worlds_disagree(agreements: list[Agreement], limit: float) -> FoundConvention | None:
+    """Return what brings the worlds of rotations and positions together, if they disagree."""
+    as_is = agreements[0]
+    if not (as_is.position_residual < WRONG_RESIDUAL_RATIO and as_is.worlds_rad > SAME_WORLD_RAD):
+        return None
+    axes, left_rad, of_truth = as_is.axes()
+    _, chosen, agreement = _most_plausible(agreements, limit)
+    if agreement.sensor_rad + agreement.worlds_rad < as_is.sensor_rad + left_rad - SAME_WORLD_RAD:
+        return FoundConvention(
+            candidates()[chosen], agreement.implausibility, as_is.implausibility
+        )
+    if not np.array_equal(axes, np.eye(3)) and left_rad < SAME_WORLD_RAD:
+        return FoundConvention(_swapped(axes), left_rad, as_is.worlds_rad, of_truth)
+    return None
 
 
 @dataclass(frozen=True, eq=False)
-class _Fit:
+class Agreement:
     """
     How poses agree with the truth.
 
-    :param misfit: what is left of relative rotations, over what there was.
-    :param strayed: likewise of displacements.
-    :param turn_rad: of the sensor.
-    :param turn_told: whether the motion tells it.
+    :param residual: what is left of relative rotations, over what there was.
+    :param position_residual: likewise of displacements.
+    :param sensor_rad: the angle of the sensor.
+    :param observable: whether the motion determines the rotation of the sensor.
     :param world_of_rotations: (3, 3) from the estimate's world to that of the truth.
     :param world_of_positions: likewise.
     """
 
-    misfit: float
-    strayed: float
-    turn_rad: float
-    turn_told: bool
+    residual: float
+    position_residual: float
+    sensor_rad: float
+    observable: bool
     world_of_rotations: np.ndarray
     world_of_positions: np.ndarray
 
     @property
-    def apart_rad(self) -> float:
+    def worlds_rad(self) -> float:
         """The angle between the two worlds."""
         return rotation.angle_of_matrix(self.world_of_rotations.T @ self.world_of_positions)
 
@@ -196,68 +219,120 @@ class _Fit:
         """
         Return the (3, 3) axes that bring the two worlds together, and the angle that they leave.
 
-        The last is whether they are those of the truth. Seen from there the worlds are turned, so
-        that only on one side the axes are whole; where they are on both, it is the estimate.
+        The last is whether they are those of the truth. Seen from there the worlds are rotated,
+        so that axes are whole on one side only; where they are on both, it is the estimate.
         """
         sides = []
-        for apart in (
+        for between in (
             self.world_of_rotations.T @ self.world_of_positions,
             self.world_of_rotations @ self.world_of_positions.T,
         ):
-            whole = _nearest_axes(apart)
-            sides.append((whole, rotation.angle_of_matrix(apart @ whole.T)))
-        of_truth = sides[1][1] < sides[0][1] - SURELY_RAD
+            whole = _nearest_axes(between)
+            sides.append((whole, rotation.angle_of_matrix(between @ whole.T)))
+        of_truth = sides[1][1] < sides[0][1] - WORLD_ACCURACY_RAD
         return *sides[of_truth], of_truth
 
     @property
-    def strangeness(self) -> float:
-        """How much would have to be wrong besides."""
-        return self.turn_rad + self.apart_rad + math.pi * min(self.strayed, 1.0)
+    def implausibility(self) -> float:
+        """How much else would have to be wrong [rad]."""
+        return self.sensor_rad + self.worlds_rad + math.pi * min(self.position_residual, 1.0)
 
 
-class _Motions:
-    """The true relative motions, over a short and a longer time."""
+class RelativeMotions:
+    """
+    Poses of both sides, with the rows that are a short and a longer time apart.
+
+    :param estimate: N poses, with rotations.
+    :param truth: the true ones.
+    :param short: (M,), (M,) rows between which rotations are compared.
+    :param long: likewise for displacements.
+    """
 
     def __init__(
         self,
+        estimate: Trajectory,
         truth: Trajectory,
-        begin: np.ndarray,
-        end: np.ndarray,
-        far_begin: np.ndarray,
-        far_end: np.ndarray,
+        short: tuple[np.ndarray, np.ndarray],
+        long: tuple[np.ndarray, np.ndarray],
     ) -> None:
         assert truth.rotations is not None
-        self._truth = truth.rotations
-        self._begin, self._end = begin, end
-        self._far_begin, self._far_end = far_begin, far_end
-        self._turned = relative_turns(truth.rotations, begin, end)
-        self._moved = truth.positions[far_end] - truth.positions[far_begin]
+        self.estimate = estimate
+        self._truth, self._true_rotations = truth, truth.rotations
+        self._short, self._long = short, long
+        self._rotated = relative_rotations(truth.rotations, *short)
+        self._displaced = truth.positions[long[1]] - truth.positions[long[0]]
 
-    def fit(self, poses: Trajectory, parity: int = 1) -> _Fit:
+    @classmethod
+    def of(
+        cls, estimate: Trajectory, truth: Trajectory, stamps_ns: np.ndarray, inside: np.ndarray
+    ) -> RelativeMotions | None:
+        """
+        Return the motions of poses; None without rotations or with too few of them.
+
+        :param stamps_ns: of all poses, on the clock of the truth.
+        :param inside: which of them the two sides have.
+        """
+        interval_s = float(np.median(np.diff(stamps_ns))) / 1e9
+        short, long = (
+            horizon(stamps_ns[inside], seconds)
+            for seconds in (max(ROTATION_S, interval_s), max(DISPLACEMENT_S, 2 * interval_s))
+        )
+        if estimate.rotations is None or truth.rotations is None:
+            return None
+        if min(len(short[0]), len(long[0])) < FEWEST_MOTIONS:
+            return None
+        return cls(estimate, truth, short, long)
+
+    def under_all_conventions(self) -> list[Agreement]:
+        """Return how the estimate agrees under every convention."""
+        return [self.agreement(convention.undo(self.estimate)) for convention in candidates()]
+
+    def with_truth_under_all_conventions(self) -> list[Agreement]:
+        """Return how the estimate agrees with the truth under every convention of that."""
+        return [
+            RelativeMotions(
+                self.estimate, convention.undo(self._truth), self._short, self._long
+            ).agreement(self.estimate)
+            for convention in candidates()
+        ]
+
+    def agreement(self, poses: Trajectory, parity: int = 1) -> Agreement:
         """Return how poses agree; parity -1 for positions seen in a mirror."""
         assert poses.rotations is not None
-        turned = relative_turns(poses.rotations, self._begin, self._end)
-        turn, _, misfit = robust_similarity(turned, self._turned, False)
-        turned = turned @ turn.T
-        told = turn_is_told(turned, self._turned, robust_weights(turned - self._turned))
-        displaced = poses.positions[self._far_end] - poses.positions[self._far_begin]
-        of_positions, _, strayed = robust_similarity(displaced, self._moved, True, parity)
-        body = rotation.from_matrix(turn.T)
-        worlds = rotation.multiply(
-            self._truth, rotation.conjugate(rotation.multiply(poses.rotations, body))
+        rotated = relative_rotations(poses.rotations, *self._short)
+        of_rotations = robust_similarity(rotated, self._rotated, scaled=False)
+        rotated = rotated @ of_rotations.rotation.T
+        observable = rotation_is_observable(
+            rotated, self._rotated, robust_weights(rotated - self._rotated)
         )
-        angle = rotation.angle(body)
-        of_rotations = rotation.to_matrix(mean_rotation(worlds))
-        return _Fit(misfit, strayed, float(angle), told, of_rotations, of_positions)
+        begin, end = self._long
+        displaced = poses.positions[end] - poses.positions[begin]
+        of_positions = robust_similarity(displaced, self._displaced, scaled=True, parity=parity)
+        body = rotation.from_matrix(of_rotations.rotation.T)
+        worlds = rotation.multiply(
+            self._true_rotations, rotation.conjugate(rotation.multiply(poses.rotations, body))
+        )
+        return Agreement(
+            residual=of_rotations.residual,
+            position_residual=of_positions.residual,
+            sensor_rad=float(rotation.angle(body)),
+            observable=observable,
+            world_of_rotations=rotation.to_matrix(mean_rotation(worlds)),
+            world_of_positions=of_positions.rotation,
+        )
 
 
-def _least_strange(fits: list[_Fit], limit: float) -> tuple[float, int, _Fit]:
-    """Return the strangeness, place and fit of the best among those that fit."""
-    strangeness, k = min(
-        ((fit.strangeness, k) for k, fit in enumerate(fits) if fit.misfit <= limit),
+def _most_plausible(agreements: list[Agreement], limit: float) -> tuple[float, int, Agreement]:
+    """Return implausibility, index and agreement of the best of those with a small residual."""
+    implausibility, k = min(
+        (
+            (agreement.implausibility, k)
+            for k, agreement in enumerate(agreements)
+            if agreement.residual <= limit
+        ),
         default=(math.inf, 0),
     )
-    return strangeness, k, fits[k]
+    return implausibility, k, agreements[k]
 
 
 def _nearest_axes(matrix: np.ndarray) -> np.ndarray:
@@ -272,7 +347,7 @@ def _nearest_axes(matrix: np.ndarray) -> np.ndarray:
 
 
 def _swapped(axes: np.ndarray) -> Convention:
-    """Return the convention of positions whose axes have to be brought into another order."""
+    """Return the convention of positions whose axes have to be reordered."""
     names = [
         ('-' if row.sum() < 0 else '') + 'xyz'[int(np.abs(row).argmax())] for row in axes
     ]  # fmt: skip

@@ -2,105 +2,97 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from vio_eval_ros.core import rotation
-from vio_eval_ros.core.steps import path_of_changed_steps
 from vio_eval_ros.core.trajectory import Trajectory
-from vio_eval_ros.diagnosis.breaks import Jump
-from vio_eval_ros.diagnosis.clocks import true_stamps
-from vio_eval_ros.diagnosis.conventions import Convention
+
+
+@dataclass(frozen=True, eq=False)
+class PosesInCorrection:
+    """
+    Poses of which some faults have been undone.
+
+    :param stamps_ns: (N,) as received.
+    :param middle_ns: the stamp at which drifts are zero.
+    :param positions: (N, 3) metres.
+    :param rotations: (N, 4), or None.
+    :param late_s: (N,) how late the stamps are, as far as is known by now.
+    :param kept: (N,) which poses are not left out.
+    """
+
+    stamps_ns: np.ndarray
+    middle_ns: int
+    positions: np.ndarray
+    rotations: np.ndarray | None
+    late_s: np.ndarray
+    kept: np.ndarray
+
+    @property
+    def elapsed_s(self) -> np.ndarray:
+        """(N,) seconds since the middle of the run."""
+        return np.asarray((self.stamps_ns - self.middle_ns) / 1e9)
+
+    def trajectory(self) -> Trajectory:
+        """Return the poses with the stamps and the values known by now."""
+        late_ns = np.round(self.late_s * 1e9).astype(np.int64)
+        return Trajectory(self.stamps_ns - late_ns, self.positions, self.rotations)[self.kept]
+
+
+Undo = Callable[[PosesInCorrection, Any], PosesInCorrection]
+
+
+class Step(NamedTuple):
+    """How one fault is undone: steps of a lower order come first, each with its value."""
+
+    order: int
+    undo: Undo
+    value: Any
 
 
 @dataclass(frozen=True, eq=False)
 class Correction:
     """
-    Everything found wrong, in the order in which it is undone.
+    Everything found wrong.
 
-    :param middle_ns: the stamp that drifts are zero at.
-    :param convention: how the poses were written.
-    :param offset_s: how late the stamps are.
-    :param clock_drift: how much later they become, seconds a second.
-    :param agreed_ns: the stamp at which that is zero; None for the middle.
-    :param outliers_ns: stamps, as received, of poses to leave out.
-    :param diverged_ns: the stamp, as received, from which on all are left out.
-    :param jumps: with stamps as received, in their order.
-    :param turn: (4,) R_s, the rotation of the body in the tracked frame.
-    :param lever: (3,) metres of the estimate, the position of the body in the tracked frame.
-    :param level: (4,) the rotation that makes the estimate's world upright.
-    :param scale: estimated over true length.
-    :param scale_drift: by how much more of itself the scale grows, per second.
-    :param yaw_drift: rad/s by which the heading runs away about the world's z axis.
+    :param middle_ns: the stamp at which drifts are zero.
+    :param steps: what undoes each cause, by its name.
     """
 
     middle_ns: int
-    convention: Convention = field(default_factory=Convention)
-    offset_s: float = 0.0
-    clock_drift: float = 0.0
-    agreed_ns: int | None = None
-    outliers_ns: np.ndarray = field(default_factory=lambda: np.empty(0, np.int64))
-    diverged_ns: int | None = None
-    jumps: tuple[Jump, ...] = ()
-    turn: np.ndarray = field(default_factory=lambda: rotation.IDENTITY)
-    lever: np.ndarray = field(default_factory=lambda: np.zeros(3))
-    level: np.ndarray = field(default_factory=lambda: rotation.IDENTITY)
-    scale: float = 1.0
-    scale_drift: float = 0.0
-    yaw_drift: float = 0.0
+    steps: Mapping[str, Step] = field(default_factory=dict)
+
+    def having(self, name: str, step: Step) -> Correction:
+        """Return the correction that undoes one more cause."""
+        return replace(self, steps={**self.steps, name: step})
 
     def without(self, name: str) -> Correction:
         """Return the correction of all but one cause."""
-        return replace(self, **{part: getattr(Correction(0), part) for part in PARTS[name]})
+        return self.only(other for other in self.steps if other != name)
 
-    def only(self, names: list[str]) -> Correction:
+    def only(self, names: Iterable[str]) -> Correction:
         """Return the correction of some causes."""
-        chosen = {part: getattr(self, part) for name in names for part in PARTS[name]}
-        return Correction(self.middle_ns, **chosen)
+        return replace(
+            self, steps={name: self.steps[name] for name in names if name in self.steps}
+        )
+
+    def value(self, name: str, default: Any = None) -> Any:
+        """Return what undoes a cause; the default where it is not undone."""
+        return self.steps[name].value if name in self.steps else default
 
     def apply(self, received: Trajectory) -> Trajectory:
         """Return the estimate as it would be without these faults."""
-        poses = self.convention.undo(received)
-        positions, rotations = poses.positions, poses.rotations
-        for jump in self.jumps:
-            positions, rotations = jump.undo(poses.stamps_ns, positions, rotations)
-        if rotations is not None:
-            positions = positions + rotation.rotate(rotations, self.lever)
-            rotations = rotation.multiply(rotations, self.turn)
-            rotations = rotation.multiply(self.level, rotations)
-        positions = rotation.rotate(self.level, positions) / self.scale
-        elapsed = (poses.stamps_ns - self.middle_ns) / 1e9
-        if self.scale_drift:
-            positions = path_of_changed_steps(positions, 1 / (1 + self.scale_drift * elapsed))
-        if self.yaw_drift:
-            turns = rotation.about_z(-self.yaw_drift * elapsed)
-            positions = path_of_changed_steps(positions, rotations=turns)
-            rotations = None if rotations is None else rotation.multiply(turns, rotations)
-        agreed_ns = self.middle_ns if self.agreed_ns is None else self.agreed_ns
-        stamps_ns = true_stamps(poses.stamps_ns, agreed_ns, self.offset_s, self.clock_drift)
-        kept = ~np.isin(received.stamps_ns, self.outliers_ns)
-        if self.diverged_ns is not None:
-            kept &= received.stamps_ns < self.diverged_ns
-        return Trajectory(stamps_ns, positions, rotations)[kept]
-
-
-#: the cause of each name, by the fields that undo it
-PARTS: dict[str, tuple[str, ...]] = {
-    'quaternion_conjugated': ('convention',),
-    'quaternion_order': ('convention',),
-    'pose_inverted': ('convention',),
-    'axes_swapped': ('convention',),
-    'time_offset': ('offset_s',),
-    'clock_drift': ('clock_drift', 'agreed_ns'),
-    'outliers': ('outliers_ns',),
-    'diverged': ('diverged_ns',),
-    'jump': ('jumps',),
-    'sensor_rotation': ('turn',),
-    'lever_arm': ('lever',),
-    'gravity_tilt': ('level',),
-    'scale': ('scale',),
-    'scale_drift': ('scale_drift',),
-    'yaw_drift': ('yaw_drift',),
-    'lost_tracking': (),
-}
+        poses = PosesInCorrection(
+            stamps_ns=received.stamps_ns,
+            middle_ns=self.middle_ns,
+            positions=received.positions,
+            rotations=received.rotations,
+            late_s=np.zeros(len(received)),
+            kept=np.ones(len(received), bool),
+        )
+        for step in sorted(self.steps.values(), key=lambda step: step.order):
+            poses = step.undo(poses, step.value)
+        return poses.trajectory()

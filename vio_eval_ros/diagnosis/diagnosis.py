@@ -1,65 +1,52 @@
 """
 The diagnosis: an estimate and its ground truth in, causes out. Start reading here.
 
-Everything is measured from what knows least of the other faults: clocks, conventions and the
-turn of the sensor from short relative rotations, then jumps and outliers from the positions, then
-what is left. A parameter becomes a cause where it is beyond what healthy runs show and where
-undoing it, with everything else undone, makes some error at least 5 % smaller.
+What depends least on other faults is measured first: clocks, conventions and the rotation of the
+sensor from short relative rotations, then jumps and outliers from the positions, then the rest. A
+parameter becomes a cause where it is beyond what healthy runs show and where undoing it, with
+everything else undone, reduces some error by the share that the limits ask for.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 import math
 from typing import Any
 
 import numpy as np
 
-from vio_eval_ros.core.alignment import SCALED_MODES
 from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.limits import PROFILES
 from vio_eval_ros.core.rotation import lengths
 from vio_eval_ros.core.statistics import root_mean_square, without_nan
 from vio_eval_ros.core.trajectory import Trajectory
-from vio_eval_ros.diagnosis.advice import advice, evidence, flags
-from vio_eval_ros.diagnosis.conventions import Finding
-from vio_eval_ros.diagnosis.correction import Correction
-from vio_eval_ros.diagnosis.inputs import (
-    frozen,
-    likely_swapped,
-    MOVES_M,
-    stands_still,
-    stays,
-    SURELY_MOVES_M,
+from vio_eval_ros.diagnosis.causes import CAUSES
+from vio_eval_ros.diagnosis.causes.cause import KnownCause
+from vio_eval_ros.diagnosis.causes.conventions import improvement as improvement_by_convention
+from vio_eval_ros.diagnosis.causes.divergence import DIVERGED
+from vio_eval_ros.diagnosis.causes.inputs import (
+    INSUFFICIENT_MOTION,
+    SWAPPED_INPUTS,
+    TRUTH_STATIC,
 )
-from vio_eval_ros.diagnosis.measurements import FRAMES, measure, Measured, Measurement, SURE
-from vio_eval_ros.diagnosis.run import FEWEST_POSES, IMPROVEMENT, improvement, Run
+from vio_eval_ros.diagnosis.causes.scale import SCALE
+from vio_eval_ros.diagnosis.conventions import FoundConvention
+from vio_eval_ros.diagnosis.correction import Correction
+from vio_eval_ros.diagnosis.diagnosed_run import DiagnosedRun, FEWEST_POSES, improvement
+from vio_eval_ros.diagnosis.gyroscope import GyroscopeComparison
+from vio_eval_ros.diagnosis.inputs import frozen, likely_swapped, stands_still, stays
+from vio_eval_ros.diagnosis.limits import DEFAULT, DiagnosisLimits
+from vio_eval_ros.diagnosis.measurement import Measurement
+from vio_eval_ros.diagnosis.measurements import measure, Measured
+from vio_eval_ros.diagnosis.warnings import warnings_of
 
 SCHEMA = 'vio_eval_ros.diagnosis/1'
-NAMES = (
-    *('truth_static', 'insufficient_motion', 'swapped_inputs'),
-    *('quaternion_conjugated', 'quaternion_order', 'pose_inverted', 'axes_swapped'),
-    *('time_offset', 'clock_drift', 'scale', 'scale_drift', 'sensor_rotation', 'lever_arm'),
-    *('gravity_tilt', 'yaw_drift', 'jump', 'outliers', 'lost_tracking', 'diverged'),
-)
-#: the errors that a cure must make smaller; of other causes, any of them. What turns the
-#: alignment a little turns the absolute rotation error with it, in one direction or the other.
-POSITIONS = r'ATE|RPE'
-ACTS_ON = {
-    'scale': 'ATE',
-    'scale_drift': POSITIONS,
-    'lever_arm': POSITIONS,
-    'jump': f'ATE|{FRAMES}',
-    'outliers': POSITIONS,
-    'diverged': POSITIONS,
-    'gravity_tilt': 'posyaw ATE',
-}
-#: what is seen as it is, whether or not other errors hide it in the ATE; of an offset, positions
-#: that contradict it have been asked
-CERTAIN = ('time_offset', 'jump', *NAMES[3:7])
-#: of the spread of the truth, that an ATE must not reach without a cause
-UNLIKE = 0.5
-#: of the whole run: while one of these is wrong, nothing else can be trusted
-FUNDAMENTAL = NAMES[:7]
+ATE = 'ATE [m]'
+#: of the spread of the truth: an ATE beyond it does not go without a cause
+UNEXPLAINED_ATE_RATIO = 0.5
+#: that such an estimate has diverged
+UNEXPLAINED_CONFIDENCE = 0.8
 
 
 @dataclass(frozen=True)
@@ -67,7 +54,7 @@ class Cause:
     """
     One thing that is wrong.
 
-    :param name: one of ``NAMES``.
+    :param name: one of ``CAUSES``.
     :param confidence: 0 to 1, that its size is beyond what healthy runs show.
     :param value: its size: what the estimate is wrong by, not what corrects it.
     :param unit: of the value.
@@ -77,7 +64,7 @@ class Cause:
     :param evidence: one sentence of numbers.
     :param advice: one sentence on what to do.
     :param flags: of ``replay``, that correct it; empty where only the estimator can. What begins
-        with a question mark goes behind the spec of the side.
+        with a question mark is appended to the spec of the side.
     :param side: ``estimate`` or ``ground_truth``, of which it is wrong.
     """
 
@@ -90,7 +77,7 @@ class Cause:
     ate_after_m: float
     evidence: str
     advice: str
-    flags: tuple[str, ...]
+    flags: tuple[str, ...] = ()
     side: str = 'estimate'
 
 
@@ -103,130 +90,243 @@ class Diagnosis:
     :param cannot_tell: names of causes that this motion, or these data, cannot show.
     :param findings: everything measured, by name, also where it is healthy.
     :param corrected: the estimate with all causes undone, as far as that can be done afterwards.
+    :param begin_ns: the first stamp of the estimate, as it was received.
     :param errors_before: errors of the estimate against interpolated truth, by name.
     :param errors_after: those of the corrected one.
+    :param limits: what counted as healthy.
+    :param profile: the platform that the limits are of.
+    :param gyroscope: what a gyroscope says of the estimate, where one was given.
     """
 
     causes: tuple[Cause, ...]
     cannot_tell: tuple[str, ...]
     findings: dict[str, Any]
     corrected: Trajectory
+    begin_ns: int
     errors_before: dict[str, float]
     errors_after: dict[str, float]
+    limits: DiagnosisLimits = DEFAULT
+    profile: str = PROFILES[0]
+    gyroscope: GyroscopeComparison | None = None
 
-    def to_dict(self) -> dict[str, Any]:
-        """Return all but the trajectory as plain numbers, strings and lists."""
+    @property
+    def warnings(self) -> list[str]:
+        """What to know of these poses that is not a cause, as sentences."""
+        return warnings_of(self.findings, self.gyroscope, self.limits)
+
+    def errors(self) -> dict[str, dict[str, float | None]]:
+        """Return each error before and after all causes are undone, by its name."""
+        return {
+            name: without_nan({'before': value, 'after': self.errors_after.get(name)})
+            for name, value in self.errors_before.items()
+        }
+
+    def to_dict(self, errors: bool = False) -> dict[str, Any]:
+        """
+        Return all but the trajectory as plain numbers, strings and lists: what ``--json`` prints.
+
+        :param errors: whether the findings have the errors before and after.
+        """
+        findings = without_nan(self.findings)
+        if self.gyroscope is not None:
+            findings['gyroscope'] = without_nan(vars(self.gyroscope))
+        if errors:
+            findings['errors'] = self.errors()
         return {
             'schema': SCHEMA,
+            'profile': self.profile,
+            'limits': self.limits.to_dict(),
             'causes': [without_nan(asdict(cause)) for cause in self.causes],
             'cannot_tell': list(self.cannot_tell),
-            'findings': without_nan(self.findings),
+            'warnings': self.warnings,
+            'findings': findings,
         }
 
 
-def diagnose(estimate: Trajectory, truth: Trajectory, config: EvaluationConfig) -> Diagnosis:
+def diagnose(
+    estimate: Trajectory,
+    truth: Trajectory,
+    config: EvaluationConfig,
+    limits: DiagnosisLimits = DEFAULT,
+) -> Diagnosis:
     """
     Return what is wrong with an estimate.
 
     :param config: options of the evaluation; its offset, frames and crop are applied first.
-    :raises NoPairs: where there are too few poses to tell anything.
+    :param limits: what counts as healthy.
+    :raises NoPairs: where there are too few poses, or the two sides have no time in common.
     """
-    return diagnose_run(Run.received(estimate, truth, config))
+    diagnosis = diagnose_run(DiagnosedRun.received(estimate, truth, config), limits)
+    return replace(diagnosis, begin_ns=int(estimate.stamps_ns[0]))
 
 
-def diagnose_run(run: Run) -> Diagnosis:
+def diagnose_run(run: DiagnosedRun, limits: DiagnosisLimits = DEFAULT) -> Diagnosis:
     """Return what is wrong with a run, to which its options have been applied."""
-    if stands_still(run.truth):
-        # an estimate of what stands still may drift a little
-        rests = stands_still(run.estimate, MOVES_M)
-        return _without_motion(run, 'insufficient_motion' if rests else 'truth_static')
-    if stays(run.truth) and not stays(run.estimate, SURELY_MOVES_M):  # within its noise
-        return _without_motion(run, 'truth_static')
-    if stays(run.estimate) and not stays(run.truth, SURELY_MOVES_M):
-        return _without_motion(run, 'insufficient_motion')
-    lost = frozen(run.estimate, run.truth)
-    if lost.any():  # what it repeats is no estimate
-        return diagnose_run(run.of(run.estimate[~lost], run.truth))
-    still = frozen(run.truth, run.estimate)
+    resting = _resting(run, limits)
+    if resting is not None:
+        return _without_motion(run, resting, limits)
+    lost = frozen(run.estimate, run.truth, limits)
+    if lost.any():  # what it repeats is not an estimate
+        return diagnose_run(run.of(run.estimate[~lost], run.truth), limits)
+    still = frozen(run.truth, run.estimate, limits)
     if still.any():
-        return _where_truth_moves(run, ~still)
-    measured = measure(run)
+        return _where_truth_moves(run, ~still, limits)
+    measured = measure(run, limits)
     if measured.convention.of_truth:
-        return _with_truth_mended(run, measured.convention)
-    named = _named(run, measured)
-    findings = {
-        one.name: {
-            'value': one.value,
-            'unit': one.unit,
-            'uncertainty': one.uncertainty,
-            'healthy': one.healthy,
-        }
-        for one in measured.parameters
-    } | measured.findings
-    causes = _causes(run, measured, named)
+        return _with_corrected_truth(run, measured.convention, limits)
+    return _of_measured(run, measured, limits)
+
+
+def _of_measured(run: DiagnosedRun, measured: Measured, limits: DiagnosisLimits) -> Diagnosis:
+    """Return the diagnosis of what was measured."""
+    named = _named(run, measured, limits)
+    correction = measured.correction.only(each.name for each in named)
+    causes = _causes(run, measured, named, limits)
     swapped = likely_swapped(run)
     if swapped:
-        causes.insert(0, _swapped(run, swapped))
-    correction = measured.correction.only([one.name for one in named])
-    if not causes and _is_unlike(run, measured.correction.scale):
-        causes = [_unlike(run)]
+        causes.insert(0, _without_measurement(SWAPPED_INPUTS, run, limits, confidence=swapped))
+    scale = measured.correction.value(SCALE.name, 1.0)
+    if not causes and _is_unexplained(run, scale):
+        causes = [_unexplained(run, limits)]
     return Diagnosis(
-        tuple(causes),
-        tuple(one.name for one in measured.parameters if not (one.told or one.unusual)),
-        findings,
-        correction.apply(run.estimate),
-        run.errors(Correction(run.middle_ns)),
-        run.errors(correction),
+        causes=tuple(causes),
+        cannot_tell=tuple(
+            one.name for one in measured.measurements if not (one.observable or one.unusual)
+        ),
+        findings={
+            one.name: {
+                'value': one.value,
+                'unit': one.unit,
+                'uncertainty': one.uncertainty,
+                'healthy': one.healthy,
+            }
+            for one in measured.measurements
+        }
+        | measured.findings,
+        corrected=correction.apply(run.estimate),
+        begin_ns=int(run.estimate.stamps_ns[0]),
+        errors_before=run.errors(Correction(run.middle_ns)),
+        errors_after=run.errors(correction),
+        limits=limits,
     )
 
 
-def _where_truth_moves(run: Run, moving: np.ndarray) -> Diagnosis:
-    """Return the diagnosis without what the truth repeats, with the repetition as a cause."""
-    rest = run.of(run.estimate, run.truth[moving])
-    diagnosis = diagnose_run(rest)
+# -- inputs of which nothing can be measured -----------------------------------------------------
+
+
+def _resting(run: DiagnosedRun, limits: DiagnosisLimits) -> KnownCause | None:
+    """Return the cause that a side rests, if one does."""
+    if stands_still(run.truth, limits.still_m, limits):
+        # an estimate of what stands still may drift a little
+        rests = stands_still(run.estimate, limits.moving_m, limits)
+        return INSUFFICIENT_MOTION if rests else TRUTH_STATIC
+    truth_stays, estimate_stays = (
+        stays(side, limits.still_m) for side in (run.truth, run.estimate)
+    )
+    if truth_stays and not stays(run.estimate, limits.clearly_moving_m):  # within its noise
+        return TRUTH_STATIC
+    if estimate_stays and not stays(run.truth, limits.clearly_moving_m):
+        return INSUFFICIENT_MOTION
+    return None
+
+
+def _without_motion(run: DiagnosedRun, known: KnownCause, limits: DiagnosisLimits) -> Diagnosis:
+    """Return that a side rests, and that nothing else can be observed."""
+    findings = {'truth_rests': stays(run.truth, limits.still_m)}
+    cause = replace(
+        _without_measurement(known, run, limits, findings=findings), ate_after_m=math.nan
+    )
+    resting = (TRUTH_STATIC.name, INSUFFICIENT_MOTION.name)
+    errors = run.errors(Correction(run.middle_ns))
+    return Diagnosis(
+        causes=(cause,),
+        cannot_tell=tuple(name for name in CAUSES if name not in resting),
+        findings={},
+        corrected=run.estimate,
+        begin_ns=int(run.estimate.stamps_ns[0]),
+        errors_before=errors,
+        errors_after=errors,
+        limits=limits,
+    )
+
+
+def _without_measurement(
+    known: KnownCause,
+    run: DiagnosedRun,
+    limits: DiagnosisLimits,
+    confidence: float = 1.0,
+    findings: Mapping[str, Any] | None = None,
+) -> Cause:
+    """Return a cause that has no size."""
     nothing = Correction(run.middle_ns)
-    share = 1 - float(np.mean(moving))
+    ate_m = run.ate_m(nothing)
+    return Cause(
+        name=known.name,
+        confidence=confidence,
+        value=math.nan,
+        unit='',
+        uncertainty=math.nan,
+        ate_before_m=ate_m,
+        ate_after_m=ate_m,
+        evidence=known.evidence(known.counted(math.nan, limits), findings or {}),
+        advice=known.advised(nothing, 'estimate', limits),
+    )
+
+
+# -- faults of the truth: it is diagnosed again without them -------------------------------------
+
+
+def _where_truth_moves(
+    run: DiagnosedRun, moving: np.ndarray, limits: DiagnosisLimits
+) -> Diagnosis:
+    """Return the diagnosis without what the truth repeats, with the repetition as a cause."""
+    share = TRUTH_STATIC.counted(1 - float(np.mean(moving)), limits)
+    return _after(TRUTH_STATIC, share, run, run.of(run.estimate, run.truth[moving]), limits)
+
+
+def _with_corrected_truth(
+    run: DiagnosedRun, found: FoundConvention, limits: DiagnosisLimits
+) -> Diagnosis:
+    """Return the diagnosis against the truth as it was meant, with its convention as a cause."""
+    known = CAUSES[found.convention.name]
+    correction = known.undone(Correction(0), found.convention)
+    meant = run.of(run.estimate, found.convention.undo(run.truth))
+    return _after(
+        known, known.counted(improvement_by_convention(found), limits), run, meant, limits,
+        correction, side='ground_truth',
+    )  # fmt: skip
+
+
+def _after(
+    known: KnownCause,
+    measurement: Measurement,
+    run: DiagnosedRun,
+    rest: DiagnosedRun,
+    limits: DiagnosisLimits,
+    correction: Correction | None = None,
+    side: str = 'estimate',
+) -> Diagnosis:
+    """Return the diagnosis of the rest of a run, after a cause that was taken out of it."""
+    diagnosis = diagnose_run(rest, limits)
+    nothing = Correction(run.middle_ns)
+    correction = correction or nothing
     cause = Cause(
-        'truth_static',
-        1.0,
-        share,
-        'ratio',
-        math.nan,
-        run.ate_m(nothing),
-        rest.ate_m(nothing),
-        f'it moves on, while the ground truth repeats one position, for {100 * share:.0f} % of it',
-        advice('truth_static'),
-        (),
+        name=known.name,
+        confidence=1.0,
+        value=measurement.value,
+        unit=known.unit,
+        uncertainty=math.nan,
+        ate_before_m=run.ate_m(nothing),
+        ate_after_m=rest.ate_m(nothing),
+        evidence=known.evidence(measurement, {}),
+        advice=known.advised(correction, side, limits),
+        flags=known.flags(correction, run.config),
+        side=side,
     )
     return replace(diagnosis, causes=(cause, *diagnosis.causes), errors_before=run.errors(nothing))
 
 
-def _is_unlike(run: Run, scale: float) -> bool:
-    """Return whether an estimate of one point would be nearly as good."""
-    pairs = run.pairs(Correction(run.middle_ns))
-    if len(pairs) < FEWEST_POSES:
-        return False
-    path = pairs.ground_truth.positions
-    spread_m = root_mean_square(lengths(path - path.mean(axis=0)))
-    scaled = Correction(run.middle_ns, scale=scale)
-    return run.errors(scaled)['ATE [m]'] > UNLIKE * spread_m
-
-
-def _unlike(run: Run) -> Cause:
-    ate_m = run.ate_m(Correction(run.middle_ns))
-    return Cause(
-        'diverged',
-        SURE,
-        1.0,
-        'ratio',
-        math.nan,
-        ate_m,
-        ate_m,
-        'nothing that could be undone makes its path like that of the ground truth, and its error '
-        'is nearly as large as that path is wide',
-        advice('diverged'),
-        (),
-    )
+# -- measurements that are causes ----------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -245,172 +345,119 @@ class Named:
 
     @property
     def share(self) -> float:
-        """How much of the error it explains; of tracking, how much was lost."""
+        """How much of the error it explains; its size, where it cannot be undone."""
         return 1 - self.after / self.before if self.error else self.measurement.value
 
 
-def _with_truth_mended(run: Run, found: Finding) -> Diagnosis:
-    """Return the diagnosis against the truth as it was meant, with its convention as a cause."""
-    meant = run.of(run.estimate, found.convention.undo(run.truth))
-    diagnosis = diagnose_run(meant)
-    nothing = Correction(run.middle_ns)
-    cause = Cause(
-        found.convention.name,
-        1.0,
-        1 - found.misfit / found.misfit_as_is,
-        'ratio',
-        math.nan,
-        run.ate_m(nothing),
-        meant.ate_m(nothing),
-        evidence(found.convention.name, 0.0, 0.0),
-        advice(found.convention.name, found.convention.detail),
-        flags(found.convention.name, Correction(0, found.convention), run.config),
-        'ground_truth',
-    )
-    return replace(
-        diagnosis,
-        causes=(cause, *diagnosis.causes),
-        errors_before=run.errors(nothing),
-    )
-
-
-def _named(run: Run, measured: Measured) -> list[Named]:
+def _named(run: DiagnosedRun, measured: Measured, limits: DiagnosisLimits) -> list[Named]:
     """
-    Return the parameters that are causes.
+    Return the measurements that are causes.
 
-    From all suspects that one is cleared first without which the errors stay as they are, then
-    the next: two that look alike, such as a lever arm and an offset on a straight way, do not
-    clear each other.
+    From all suspects the one is removed first without which the errors stay as they are, then the
+    next: two that look alike, such as a lever arm and an offset on a straight path, do not clear
+    each other.
     """
-    unusual = [one for one in measured.parameters if one.unusual]
-    lost = [one for one in unusual if one.name == 'lost_tracking']
-    scaled = ['scale'] if run.config.alignment in SCALED_MODES else []
-    suspects = [one for one in unusual if one not in lost and one.name not in scaled]
+    unusual = [one for one in measured.measurements if one.unusual]
+    irreversible = [one for one in unusual if CAUSES[one.name].undo is None]
+    suspects = [
+        one
+        for one in unusual
+        if one not in irreversible and run.config.alignment not in CAUSES[one.name].removed_by
+    ]
+    needed = limits.improvement_percent / 100
     named: list[Named] = []
     while suspects:
-        correction = measured.correction.only([one.name for one in suspects])
+        correction = measured.correction.only(one.name for one in suspects)
         after = run.errors(correction)
         named = [
-            Named(one, *_undone(one, run.errors(correction.without(one.name)), after))
+            _undone(one, run.errors(correction.without(one.name)), after, needed)
             for one in suspects
         ]
         least = min(named, key=lambda one: one.share)
-        if least.share >= IMPROVEMENT:
+        if least.share >= needed:
             break
         named.remove(least)
         suspects.remove(least.measurement)
-    named += [Named(one) for one in lost]
-    return sorted(named, key=lambda one: (one.name not in FUNDAMENTAL, -one.share))
+    named += [Named(one) for one in irreversible]
+    return sorted(named, key=lambda one: (not CAUSES[one.name].comes_first, -one.share))
 
 
 def _undone(
-    one: Measurement, before: dict[str, float], after: dict[str, float]
-) -> tuple[str, float, float]:
+    one: Measurement, before: dict[str, float], after: dict[str, float], needed: float
+) -> Named:
     """
-    Return the error that undoing a cause improves most.
+    Return a measurement with the error that undoing it reduces most.
 
-    Where there is any doubt, no cure makes the ATE larger: drift can hide in a fault by chance.
+    Where there is any doubt, undoing a cause must not raise the ATE: a fault can hide drift by
+    chance.
     """
-    ate, certain = 'ATE [m]', one.name in CERTAIN or one.beyond_doubt
-    if not certain and after.get(ate, 0.0) > (1 + IMPROVEMENT) * before.get(ate, math.inf):
-        return ate, before[ate], after[ate]
-    return improvement(before, after, ACTS_ON.get(one.name, ''))
+    known = CAUSES[one.name]
+    may_raise_ate = known.may_raise_ate or one.significant
+    if not may_raise_ate and after.get(ATE, 0.0) > (1 + needed) * before.get(ATE, math.inf):
+        return Named(one, ATE, before[ATE], after[ATE])
+    return Named(one, *improvement(before, after, known.acts_on))
 
 
-def _causes(run: Run, measured: Measured, named: list[Named]) -> list[Cause]:
+def _causes(
+    run: DiagnosedRun, measured: Measured, named: list[Named], limits: DiagnosisLimits
+) -> list[Cause]:
+    """Return the causes, each with the ATE before and after it is undone, in their order."""
     causes = []
-    correction = measured.correction.only([one.name for one in named])
+    correction = measured.correction.only(one.name for one in named)
     before_m = run.ate_m(Correction(run.middle_ns))
     for k, one in enumerate(named):
-        parameter = one.measurement
-        after_m = run.ate_m(measured.correction.only([each.name for each in named[: k + 1]]))
+        known, measurement = CAUSES[one.name], one.measurement
+        after_m = run.ate_m(measured.correction.only(each.name for each in named[: k + 1]))
+        side = known.side(measured.findings)
         causes.append(
             Cause(
-                parameter.name,
-                parameter.confidence,
-                parameter.value,
-                parameter.unit,
-                parameter.uncertainty,
-                before_m,
-                after_m,
-                _evidence(one, measured),
-                _advice(one.name, measured),
-                flags(parameter.name, correction, run.config),
-                _side(one.name, measured),
+                name=known.name,
+                confidence=measurement.confidence,
+                value=measurement.value,
+                unit=known.unit,
+                uncertainty=measurement.uncertainty,
+                ate_before_m=before_m,
+                ate_after_m=after_m,
+                evidence=_evidence(one, known, measured.findings),
+                advice=known.advised(correction, side, limits),
+                flags=known.flags(correction, run.config),
+                side=side,
             )
         )
         before_m = after_m
     return causes
 
 
-def _advice(name: str, measured: Measured) -> str:
-    """Return what to do about a cause of this run."""
-    if _side(name, measured) != 'estimate':
-        return advice('ground_truth')
-    return advice(name, measured.convention.convention.detail if name in FUNDAMENTAL else '')
+def _evidence(one: Named, known: KnownCause, findings: Mapping[str, Any]) -> str:
+    """Return what was measured, and the error that undoing it reduces."""
+    found = known.evidence(one.measurement, findings)
+    if not one.error:
+        return found
+    error, _, unit = one.error.rstrip(']').partition(' [')
+    change = f'from {one.before:.3g} to {one.after:.3g} {unit}'
+    return f'{found}; undoing it reduces the {error} {change}'
 
 
-def _side(name: str, measured: Measured) -> str:
-    """Return which side a cause is of."""
-    if name == 'outliers':
-        return str(measured.findings['outlier_poses']['side'])
-    if name == 'jump':
-        return str(max(_harmful_jumps(measured), key=lambda jump: jump['size_m'])['side'])
-    return 'estimate'
+# -- errors without a cause ----------------------------------------------------------------------
 
 
-def _harmful_jumps(measured: Measured) -> list[dict[str, Any]]:
-    return [jump for jump in measured.findings['jumps'] if jump['harmful']]
+def _is_unexplained(run: DiagnosedRun, scale: float) -> bool:
+    """Return whether an estimate of one point would be nearly as good."""
+    nothing = Correction(run.middle_ns)
+    pairs = run.pairs(nothing)
+    if len(pairs) < FEWEST_POSES:
+        return False
+    path = pairs.ground_truth.positions
+    spread_m = root_mean_square(lengths(path - path.mean(axis=0)))
+    return run.errors(SCALE.undone(nothing, scale))[ATE] > UNEXPLAINED_ATE_RATIO * spread_m
 
 
-def _evidence(one: Named, measured: Measured) -> str:
-    """Return the sentence of numbers that speaks for a cause."""
-    found = evidence(one.name, one.measurement.value, one.measurement.uncertainty)
-    if one.name == 'jump':
-        turn_deg = max(jump['turn_deg'] for jump in _harmful_jumps(measured))
-        turned = f'turned by up to {turn_deg:.1f} deg'
-        if not one.measurement.value:
-            found = f'it is {turned} between two poses and stays so'
-        elif turn_deg:
-            found += f', {turned}'
-    if one.name == 'yaw_drift':
-        found += f', {measured.findings["yaw_drift_deg_per_m"]:.2g} deg a metre'
-    if one.error:
-        error, _, unit = one.error.rstrip(']').partition(' [')
-        change = f'from {one.before:.3g} to {one.after:.3g} {unit}'
-        return f'{found}; undoing it takes the {error} {change}'
-    gaps = measured.findings['gaps']
-    longest = max((gap['seconds'] for gap in gaps), default=0.0)
-    if not longest:
-        return f'{found}, some poses at a time'
-    return f'{found}, the longest interval is {longest:.1f} s'
-
-
-def _swapped(run: Run, confidence: float) -> Cause:
-    ate_m = run.ate_m(Correction(run.middle_ns))
-    return Cause(
-        'swapped_inputs',
-        confidence,
-        math.nan,
-        '',
-        math.nan,
-        ate_m,
-        ate_m,
-        'it begins away from its origin, while the ground truth begins there and has the lower '
-        'rate or the heading of its x axis, as an estimate does',
-        advice('swapped_inputs'),
-        (),
+def _unexplained(run: DiagnosedRun, limits: DiagnosisLimits) -> Cause:
+    """Return that the estimate is of another path."""
+    return replace(
+        _without_measurement(DIVERGED, run, limits, confidence=UNEXPLAINED_CONFIDENCE),
+        value=1.0,
+        unit=DIVERGED.unit,
+        evidence='nothing that could be undone makes its path like that of the ground truth, and '
+        'its error is nearly as large as the extent of that path',
     )
-
-
-def _without_motion(run: Run, name: str) -> Diagnosis:
-    ate_m = run.ate_m(Correction(run.middle_ns))
-    also = 'nor does the ground truth' if stays(run.truth) else 'though the ground truth does'
-    evidence = {
-        'truth_static': 'it moves, while the ground truth stays where it is',
-        'insufficient_motion': f'it does not move, {also}',
-    }[name]
-    cause = Cause(name, 1.0, math.nan, '', math.nan, ate_m, math.nan, evidence, advice(name), ())
-    others = tuple(other for other in NAMES if other not in FUNDAMENTAL[:2])
-    errors = run.errors(Correction(run.middle_ns))
-    return Diagnosis((cause,), others, {}, run.estimate, errors, errors)

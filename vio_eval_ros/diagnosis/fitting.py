@@ -1,9 +1,10 @@
-"""Fits that a few wild values cannot bend, and that know how uncertain they are."""
+"""Robust fits, and how uncertain they are."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,15 +12,18 @@ from vio_eval_ros.core import rotation
 from vio_eval_ros.core.association import nearest
 from vio_eval_ros.core.rotation import lengths
 
-ITERATIONS = 12
-# How uncertain a fit is, the scatter of so many blocks of the run tells: by Student's distribution
-# with one degree of freedom less, of which 95 % are within this
+#: of iteratively reweighted least squares
+REWEIGHTINGS = 12
+#: the uncertainty of a fit is estimated from the scatter of so many blocks of the run: by
+#: Student's distribution with one degree of freedom less, of which 95 % are within T_95
 BLOCKS, FREEDOM, T_95 = 6, 5, 2.571
 TINY = 1e-12
-# a block that alone speaks of a direction does not leave it without any weight
-ALMOST = 1 - 1e-9
-# a noise before any is known: so little that the prior does not matter
-UNKNOWN = 1e-8
+#: leaving out a block that alone constrains a direction leaves that direction a little weight
+LEFT_OUT_WEIGHT = 1 - 1e-9
+#: the variance of a residual before any is known: so small that the prior does not matter
+FIRST_VARIANCE = 1e-8
+#: how far apart two samples may be from the time asked for
+HORIZON_TOLERANCE = 0.25
 
 
 def student(t: float) -> float:
@@ -34,11 +38,11 @@ def student(t: float) -> float:
 
 
 def horizon(stamps_ns: np.ndarray, seconds: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return (M,), (M,) indices of samples that are so far apart, to a quarter."""
+    """Return (M,), (M,) indices of samples that are so many seconds apart, within a quarter."""
     target = stamps_ns + round(seconds * 1e9)
     end = nearest(target, stamps_ns)
     begin = np.arange(len(stamps_ns))
-    near = np.abs(stamps_ns[end] - target) < 0.25e9 * seconds
+    near = np.abs(stamps_ns[end] - target) < HORIZON_TOLERANCE * 1e9 * seconds
     usable = near & (end > begin)
     return begin[usable], end[usable]
 
@@ -48,6 +52,20 @@ def robust_weights(residuals: np.ndarray) -> np.ndarray:
     size = lengths(residuals)
     spread = float(np.median(size)) / 1.5 + TINY if len(size) else 1.0
     return np.asarray(1 / (1 + (size / (2 * spread)) ** 2) ** 2)
+
+
+class Similarity(NamedTuple):
+    """
+    A rotation and a scale that take vectors to others.
+
+    :param rotation: (3, 3), with a reflection where it was asked for.
+    :param scale: 1 where none was asked for.
+    :param residual: median length of what is left over that of the target; NaN without vectors.
+    """
+
+    rotation: np.ndarray
+    scale: float
+    residual: float
 
 
 def similarity(
@@ -60,53 +78,54 @@ def similarity(
     """
     u, d, vt = np.linalg.svd((target * weights[:, None]).T @ source)
     signs = np.array([1.0, 1.0, parity * np.sign(np.linalg.det(u) * np.linalg.det(vt))])
-    own = float(np.sum(weights[:, None] * source**2))
-    scale = float(d @ signs) / own if scaled and own > 0 else 1.0
+    spread = float(np.sum(weights[:, None] * source**2))
+    scale = float(d @ signs) / spread if scaled and spread > 0 else 1.0
     return (u * signs) @ vt, scale
 
 
-def turn_is_told(turned: np.ndarray, target: np.ndarray, weights: np.ndarray) -> bool:
+def rotation_is_observable(rotated: np.ndarray, target: np.ndarray, weights: np.ndarray) -> bool:
     """
-    Return whether vectors tell all of the rotation that was fitted to them.
+    Return whether vectors determine all of the rotation that was fitted to them.
 
-    How firmly they hold it about each axis is the Hessian of Wahba's problem, tr(C) I - C with
-    their cross-covariance C, in which the noise of one side does not pass for vectors of the
-    other. Vectors along a single axis hold the turn about it no better than their noise does.
+    How well they constrain it about each axis is the Hessian of Wahba's problem, tr(C) I - C with
+    their cross-covariance C, to which the noise of one side alone does not contribute. Vectors
+    along a single axis constrain the rotation about it no better than their noise does.
 
-    :param turned: (M, 3) with the rotation applied, to be equal to the (M, 3) ``target``.
+    :param rotated: (M, 3) with the rotation applied, to be equal to the (M, 3) ``target``.
     """
-    cross = (target * weights[:, None]).T @ turned
-    held = np.linalg.eigvalsh((cross + cross.T) / 2)
-    noise = float(np.sum(weights[:, None] * (turned - target) ** 2)) / 3
-    return bool(held[0] + held[1] > noise)
+    cross = (target * weights[:, None]).T @ rotated
+    spread = np.linalg.eigvalsh((cross + cross.T) / 2)
+    noise = float(np.sum(weights[:, None] * (rotated - target) ** 2)) / 3
+    return bool(spread[0] + spread[1] > noise)
 
 
 def robust_similarity(
     source: np.ndarray, target: np.ndarray, scaled: bool, parity: int = 1
-) -> tuple[np.ndarray, float, float]:
-    """Return R, s and the median of what is left, over the median length of the target."""
+) -> Similarity:
+    """Return the similarity that takes most of (M, 3) vectors to the (M, 3) target."""
     weights = np.ones(len(source))
-    if scaled:  # long vectors would have their way at first, and lengths are told without a turn
+    if scaled:  # long vectors would dominate at first, and lengths are known without a rotation
         ratios = np.log((lengths(source) + TINY) / (lengths(target) + TINY))
         weights = robust_weights((ratios - np.median(ratios))[:, None])
-    turn, scale = np.eye(3), 1.0
-    for _ in range(ITERATIONS):
-        turn, scale = similarity(source, target, weights, scaled, parity)
-        rest = scale * source @ turn.T - target
-        weights = robust_weights(rest)
-    usual = float(np.median(lengths(target))) if len(target) else 0.0
-    return turn, scale, float(np.median(lengths(rest))) / (usual + TINY) if len(target) else np.nan
+    for _ in range(REWEIGHTINGS):
+        matrix, scale = similarity(source, target, weights, scaled, parity)
+        residuals = scale * source @ matrix.T - target
+        weights = robust_weights(residuals)
+    if not len(target):
+        return Similarity(matrix, scale, math.nan)
+    usual = float(np.median(lengths(target)))
+    return Similarity(matrix, scale, float(np.median(lengths(residuals))) / (usual + TINY))
 
 
 @dataclass(frozen=True, eq=False)
-class Fit:
+class Solution:
     """
     The solution of a robust linear least-squares problem.
 
     :param values: (P,) parameters.
     :param covariance: (P, P) of them.
-    :param weights: (M,) in the end.
-    :param residuals: (M, D) in the end.
+    :param weights: (M,) of the last iteration.
+    :param residuals: (M, D) of the last iteration.
     """
 
     values: np.ndarray
@@ -121,14 +140,14 @@ class Fit:
 
 def least_squares(
     design: np.ndarray, target: np.ndarray, prior: np.ndarray, weights: np.ndarray | None = None
-) -> Fit:
+) -> Solution:
     """
     Return the robust solution x of design x = target.
 
-    Neighbouring rows err alike, so the covariance is that of how much the solution changes without
-    each of the blocks of rows, one behind the other in time (the jackknife, clustered), and that
-    of white noise, since few blocks may agree by chance. A direction that no row speaks of keeps
-    the uncertainty of the prior.
+    Errors of neighbouring rows are correlated, so the covariance is that of how much the solution
+    changes without each of the consecutive blocks of rows (the jackknife, clustered), and that of
+    white noise, since few blocks may agree by chance. A direction that no row constrains keeps the
+    uncertainty of the prior.
 
     :param design: (M, D, P).
     :param target: (M, D).
@@ -137,8 +156,8 @@ def least_squares(
     """
     iterate = weights is None
     weights = np.ones(len(target)) if weights is None else weights
-    noise = UNKNOWN
-    for _ in range(ITERATIONS if iterate else 1):
+    noise = FIRST_VARIANCE
+    for _ in range(REWEIGHTINGS if iterate else 1):
         weighted = design * weights[:, None, None]
         normal = np.einsum('mdp,mdq->pq', weighted, design)
         information = normal + noise * np.diag(prior**-2)
@@ -149,26 +168,26 @@ def least_squares(
         noise = _noise(residuals, weights)
     # How much the solution changes without each of the blocks, and more since weights would have
     # followed the residuals: the slope of w r is w (1 - 4u²/D(1 + u²)) in the mean, less than w
-    steep = weights * (1 - 4 * (1 - np.sqrt(weights)) / target.shape[1])
-    follow = float(weights.sum()) / max(float(steep.sum()), TINY)
+    slopes = weights * (1 - 4 * (1 - np.sqrt(weights)) / target.shape[1])
+    growth = float(weights.sum()) / max(float(slopes.sum()), TINY)
     changes = []
     for rows in np.array_split(np.arange(len(target)), BLOCKS):
-        rest = information - ALMOST * np.einsum('mdp,mdq->pq', weighted[rows], design[rows])
-        pull = np.einsum('mdp,md->p', weighted[rows], residuals[rows])
-        changes.append(np.linalg.solve(rest, pull))
-    apart = np.array(changes) - np.mean(changes, axis=0)
-    spread = follow**2 * (BLOCKS - 1) / BLOCKS * apart.T @ apart
-    return Fit(values, spread + noise * np.linalg.inv(information), weights, residuals)
+        block = np.einsum('mdp,mdq->pq', weighted[rows], design[rows])
+        gradient = np.einsum('mdp,md->p', weighted[rows], residuals[rows])
+        changes.append(np.linalg.solve(information - LEFT_OUT_WEIGHT * block, gradient))
+    deviations = np.array(changes) - np.mean(changes, axis=0)
+    spread = growth**2 * (BLOCKS - 1) / BLOCKS * deviations.T @ deviations
+    return Solution(values, spread + noise * np.linalg.inv(information), weights, residuals)
 
 
 def fit_slope(along: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     """
-    Return the slope of what walks at random, and half the width of its 95 % interval.
+    Return the slope of a random walk, and half the width of its 95 % interval.
 
-    The error of an odometry does: poses err alike over all of a run, but by how much the error
-    changes from pose to pose does not. With x about its mean the slope of values over x is off by
-    Σ cₖ·Δeₖ, where cₖ is the sum of x / Σ|x|² from k on. How uncertain that is, the scatter of
-    parts of this sum tells, each of which tells as much of the slope.
+    The error of an odometry is one: it is correlated over all of a run, but its changes from pose
+    to pose are not. With x about its mean the slope of values over x is off by Σ cₖ·Δeₖ, where cₖ
+    is the sum of x / Σ|x|² from k on. Its uncertainty is estimated from the scatter of parts of
+    this sum that carry as much information about the slope each.
 
     :param along: (N, D) x.
     :param values: (N, D).
@@ -178,11 +197,11 @@ def fit_slope(along: np.ndarray, values: np.ndarray) -> tuple[float, float]:
     if not total > 0:
         return math.nan, math.inf
     slope = float(np.sum(along * values)) / total
-    behind = np.cumsum(along[:0:-1], axis=0)[::-1] / total
-    pulls = np.sum(behind * np.diff(values - slope * along, axis=0), axis=1)
-    told = np.cumsum(np.abs(np.sum(behind * np.diff(along, axis=0), axis=1)))
-    edges = np.searchsorted(told, told[-1] * np.arange(1, BLOCKS) / BLOCKS)
-    square = sum(float(part.sum()) ** 2 for part in np.split(pulls, edges))
+    after = np.cumsum(along[:0:-1], axis=0)[::-1] / total
+    influences = np.sum(after * np.diff(values - slope * along, axis=0), axis=1)
+    information = np.cumsum(np.abs(np.sum(after * np.diff(along, axis=0), axis=1)))
+    edges = np.searchsorted(information, information[-1] * np.arange(1, BLOCKS) / BLOCKS)
+    square = sum(float(part.sum()) ** 2 for part in np.split(influences, edges))
     return slope, T_95 * math.sqrt(BLOCKS / (BLOCKS - 1) * square)
 
 
@@ -195,14 +214,14 @@ def _noise(residuals: np.ndarray, weights: np.ndarray) -> float:
 def mean_rotation(rotations: np.ndarray) -> np.ndarray:
     """Return the (4,) robust mean of (N, 4) quaternions."""
     weights = np.ones(len(rotations))
-    for _ in range(ITERATIONS):
+    for _ in range(REWEIGHTINGS):
         moments = (rotations * weights[:, None]).T @ rotations
         mean = np.linalg.eigh(moments)[1][:, -1]
         weights = robust_weights(rotation.angle_between(rotations, mean)[:, None])
     return np.asarray(mean)
 
 
-def relative_turns(rotations: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
+def relative_rotations(rotations: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray:
     """Return the (M, 3) rotation vectors from pose to pose, in the body's frame."""
     return rotation.to_rotation_vector(
         rotation.multiply(rotation.conjugate(rotations[begin]), rotations[end])

@@ -12,32 +12,33 @@ from vio_eval_ros.core.alignment import Moments, solve
 from vio_eval_ros.core.trajectory import Pairs
 from vio_eval_ros.diagnosis.fitting import (
     BLOCKS,
-    Fit,
     fit_slope,
     horizon,
     least_squares,
     mean_rotation,
+    Solution,
     T_95,
 )
 
-HORIZON_S = 0.5
+#: over which displacements are compared
+DISPLACEMENT_S = 0.5
 UP = np.array([0.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
 class Estimated:
-    """A parameter, and half the width of its 95 % interval; infinite where nothing tells it."""
+    """A parameter, and half the width of its 95 % interval; infinite where not observable."""
 
     value: float
     uncertainty: float
 
     @classmethod
     def unknown(cls, value: float = 0.0) -> Estimated:
-        """Return the parameter that cannot be told, at what is likeliest beforehand."""
+        """Return a parameter that is not observable, at its most likely value."""
         return cls(value, math.inf)
 
-    def surely_beyond(self, size: float) -> bool:
-        """Return whether it is larger than this, in one direction or the other."""
+    def significantly_beyond(self, size: float) -> bool:
+        """Return whether all of its interval is beyond this, in one direction or the other."""
         return abs(self.value) - self.uncertainty > size
 
     def over(self, divisor: float) -> Estimated:
@@ -48,7 +49,7 @@ class Estimated:
 @dataclass(frozen=True, eq=False)
 class Body:
     """
-    What short relative motions tell.
+    What short relative motions determine.
 
     :param lever: (3,) metres of the estimate, the position of the body in the tracked frame.
     :param lever_length: its length in metres of the truth, in which a body has its size whatever
@@ -63,8 +64,13 @@ class Body:
     scale_drift: Estimated
     positions_late: Estimated
 
+    @classmethod
+    def unknown(cls) -> Body:
+        """Return that nothing is observable."""
+        return cls(np.zeros(3), *3 * [Estimated.unknown()])
 
-def fit_body(pairs: Pairs, turn: np.ndarray) -> Body:
+
+def fit_body(pairs: Pairs, sensor: np.ndarray) -> Body:
     """
     Return lever arm and scale drift, from displacements over half a second in the body's frame.
 
@@ -72,44 +78,43 @@ def fit_body(pairs: Pairs, turn: np.ndarray) -> Body:
     its relative rotation and l the lever arm: linear in both, without world, yaw drift or
     gravity. It is solved together with a scale that changes evenly over the run.
 
-    :param turn: (4,) rotation of the body in the tracked frame.
+    :param sensor: (4,) rotation of the body in the tracked frame.
     """
-    nothing = Body(np.zeros(3), *3 * [Estimated.unknown()])
     estimate, truth = pairs.estimate, pairs.ground_truth
     if estimate.rotations is None or truth.rotations is None or len(pairs) < 2:
-        return nothing
+        return Body.unknown()
     stamps_ns = estimate.stamps_ns
     interval_s = float(np.median(np.diff(stamps_ns))) / 1e9
-    begin, end = horizon(stamps_ns, max(HORIZON_S, interval_s))
+    begin, end = horizon(stamps_ns, max(DISPLACEMENT_S, interval_s))
     if len(begin) < 2 * BLOCKS:
-        return nothing
+        return Body.unknown()
     back = rotation.conjugate(estimate.rotations[begin])
-    moved = rotation.rotate(back, estimate.positions[end] - estimate.positions[begin])
-    turned = rotation.to_matrix(rotation.multiply(back, estimate.rotations[end])) - np.eye(3)
-    to_tracked = rotation.multiply(turn, rotation.conjugate(truth.rotations[begin]))
-    truly = rotation.rotate(to_tracked, truth.positions[end] - truth.positions[begin])
+    displaced = rotation.rotate(back, estimate.positions[end] - estimate.positions[begin])
+    rotated = rotation.to_matrix(rotation.multiply(back, estimate.rotations[end])) - np.eye(3)
+    to_tracked = rotation.multiply(sensor, rotation.conjugate(truth.rotations[begin]))
+    true = rotation.rotate(to_tracked, truth.positions[end] - truth.positions[begin])
     middle_ns, half_s = (stamps_ns[0] + stamps_ns[-1]) / 2, np.ptp(stamps_ns) / 2e9
     elapsed = ((stamps_ns[begin] + stamps_ns[end]) / 2 - middle_ns) / 1e9 / half_s
     design = np.concatenate(
-        [truly[..., None], (truly * elapsed[:, None])[..., None], -turned], axis=-1
+        [true[..., None], (true * elapsed[:, None])[..., None], -rotated], axis=-1
     )
     prior = np.array([100.0, 100.0, 1.0, 1.0, 1.0])
-    fit = least_squares(design, moved, prior)
+    fit = least_squares(design, displaced, prior)
     scale, lever = abs(float(fit.values[0])), fit.values[2:]
     if not scale > 0:
-        return nothing
+        return Body.unknown()
     drift = Estimated(float(fit.values[1]), fit.uncertainty(1)).over(scale * half_s)
     length = Estimated(float(np.linalg.norm(lever)), _worst(fit, slice(2, 5))).over(scale)
     speeds = np.gradient(truth.positions, stamps_ns / 1e9, axis=0)
     earlier = rotation.rotate(to_tracked, speeds[begin] - speeds[end])[..., None]
     both = least_squares(
-        np.concatenate([design, earlier], axis=-1), moved, np.append(prior, 100.0), fit.weights
+        np.concatenate([design, earlier], axis=-1), displaced, np.append(prior, 100.0), fit.weights
     )
     late = Estimated(float(both.values[5]), both.uncertainty(5)).over(scale)
     return Body(lever, length, drift, late)
 
 
-def _worst(fit: Fit, rows: slice) -> float:
+def _worst(fit: Solution, rows: slice) -> float:
     """Return half the 95 % interval of some parameters along their worst direction."""
     largest = float(np.linalg.eigvalsh(fit.covariance[rows, rows])[-1])
     return T_95 * math.sqrt(max(largest, 0.0))
@@ -117,27 +122,27 @@ def _worst(fit: Fit, rows: slice) -> float:
 
 def fit_scale(pairs: Pairs) -> Estimated:
     """
-    Return estimated over true length, turned as the similarity that aligns all positions best.
+    Return estimated over true length, rotated as the similarity that aligns all positions best.
 
-    It is the slope of the estimate over the truth, which has the smaller errors: those of the
-    estimate make the scale of that similarity smaller, which is the other slope.
+    It is the slope of the estimate over the truth, which has the smaller errors. The scale of that
+    similarity is the other slope, which errors of the estimate make smaller.
     """
     aligned = solve('sim3', Moments.of(pairs), pairs[:1])
     if len(pairs) < 2 * BLOCKS or not aligned.scale > 0:
         return Estimated.unknown(1.0)
-    turned = rotation.rotate(aligned.rotation, pairs.estimate.positions)
-    scale, uncertainty = fit_slope(pairs.ground_truth.positions, turned)
+    rotated = rotation.rotate(aligned.rotation, pairs.estimate.positions)
+    scale, uncertainty = fit_slope(pairs.ground_truth.positions, rotated)
     return Estimated(scale, uncertainty) if scale > 0 else Estimated.unknown(1.0)
 
 
 @dataclass(frozen=True, eq=False)
 class World:
     """
-    What the orientations tell of the estimate's world.
+    The estimate's world against that of the truth.
 
     :param level: (4,) the rotation that makes the estimate's world upright.
     :param tilt_rad: its angle.
-    :param yaw_drift: rad/s by which the estimated heading runs away.
+    :param yaw_drift: rad/s by which the estimated heading drifts.
     """
 
     level: np.ndarray
@@ -149,7 +154,7 @@ def fit_world(pairs: Pairs) -> World:
     """
     Return tilt and yaw drift of the estimate's world against that of the truth.
 
-    By orientations where both sides have them: each pose tells its A = R_g R_eᵀ. Otherwise the
+    By orientations where both sides have them: each pose gives A = R_g R_eᵀ. Otherwise the
     tilt is that of the alignment of the positions, and the yaw drift is unknown.
     """
     if pairs.rotations is None or len(pairs) < 2 * BLOCKS:
@@ -162,9 +167,9 @@ def fit_world(pairs: Pairs) -> World:
     half_s = float(np.ptp(seconds)) / 2
     design = np.stack([np.ones(len(seconds)), seconds / half_s], axis=-1)[:, None]
     yaw = least_squares(design, errors[:, 2:], np.array([1.0, 10.0]))
-    level, tilt = _levelling(mean)
-    tips = np.array([rows.mean(axis=0) for rows in np.array_split(errors[:, :2], BLOCKS)])
-    spread = math.sqrt(float(np.var(tips, axis=0).sum()) / (BLOCKS - 1))
+    level, tilt = _level(mean)
+    tilts = np.array([rows.mean(axis=0) for rows in np.array_split(errors[:, :2], BLOCKS)])
+    spread = math.sqrt(float(np.var(tilts, axis=0).sum()) / (BLOCKS - 1))
     return World(
         level,
         Estimated(tilt, T_95 * spread),
@@ -177,16 +182,16 @@ def _world_of_positions(pairs: Pairs) -> World:
     aligned = solve('sim3', Moments.of(pairs), pairs[:1])
     if len(pairs) < 2 * BLOCKS or not aligned.observable:
         return World(rotation.IDENTITY, Estimated.unknown(), Estimated.unknown())
-    level, tilt = _levelling(aligned.rotation)
+    level, tilt = _level(aligned.rotation)
     truth = pairs.ground_truth.positions
-    turned = rotation.rotate(aligned.rotation, pairs.estimate.positions)
-    errors = aligned.scale * turned - truth
-    # turning about a level axis a moves positions g along a x g
+    rotated = rotation.rotate(aligned.rotation, pairs.estimate.positions)
+    errors = aligned.scale * rotated - truth
+    # a rotation about a level axis a moves positions g along a x g
     spreads = (fit_slope(np.cross(axis, truth), errors)[1] for axis in np.eye(3)[:2])
     return World(level, Estimated(tilt, math.hypot(*spreads)), Estimated.unknown())
 
 
-def _levelling(world: np.ndarray) -> tuple[np.ndarray, float]:
+def _level(world: np.ndarray) -> tuple[np.ndarray, float]:
     """Return the smallest rotation that makes a world upright, given its (4,) orientation."""
     up = rotation.rotate(rotation.conjugate(world), UP)
     axis = np.cross(up, UP)

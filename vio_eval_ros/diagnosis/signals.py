@@ -11,20 +11,20 @@ from vio_eval_ros.diagnosis.correlation import correlate
 from vio_eval_ros.diagnosis.fitting import BLOCKS, T_95
 from vio_eval_ros.errors import NoPairs
 
-FEWEST = 20
+FEWEST_SAMPLES = 20
 MOST_SAMPLES = 1 << 20
-ITERATIONS = 8
-CONVERGED_S = 1e-7
-# The smoothing is chosen by how certain so many parts make the lag, and so much more certain has
-# a wider one to be; a narrow one that is so much less certain follows the noise
-PARTS, WIDER, WORSE = 30, 1.3, 1.6
-# 95 % of Student's distribution with 29 degrees of freedom are within this
-T_95_OF_PARTS = 2.045
-# of the longer interval between samples, for each radian that the signals turn in it: what
-# interpolation leaves of hardly sampled ones
+ROOT_STEPS, CONVERGED_S = 8, 1e-7
+#: short parts of the signals, and within how many of their standard deviations 95 % of Student's
+#: distribution are
+PARTS, T_95_OF_PARTS = 30, 2.045
+#: The smoothing is chosen by how precise the parts make the lag: a wider one has to be as many
+#: times as precise, and one that is so many times less precise follows the noise.
+PREFERENCE_RATIO, WORSE_RATIO = 1.3, 1.6
+#: of the longer interval between samples, for each radian by which the signals change in it: what
+#: interpolation leaves of hardly sampled ones
 FLOOR_INTERVALS = 0.04
-# another peak may be the right one where no more than this is left unexplained
-AMBIGUOUS, ANYHOW = 1.1, 0.02
+#: another peak may be the right one where no more than this is left unexplained
+RIVAL_RATIO, RIVAL_RESIDUAL = 1.1, 0.02
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class SignalLag:
     :param offset_s: seconds.
     :param uncertainty_s: half the width of its 95 % interval.
     :param sign: of the gain, 1 or -1.
-    :param peak: correlation coefficient at the best lag of the grid, with that sign made good.
+    :param peak: correlation coefficient at the best lag of the grid, times that sign.
     :param next_peak: the highest of another peak, of either sign; NaN where there is none.
     :param ambiguous: whether another lag may be the right one.
     """
@@ -63,11 +63,13 @@ def lag_of_signals(
     :param second: (M,) values.
     :raises NoPairs: where there is too little to compare.
     """
-    if min(len(first), len(second)) < FEWEST:
-        raise NoPairs(f'the signals have {len(first)} and {len(second)} samples; {FEWEST} needed')
-    spans = [float(np.ptp(stamps)) for stamps in (first_s, second_s)]
+    if min(len(first), len(second)) < FEWEST_SAMPLES:
+        raise NoPairs(
+            f'the signals have {len(first)} and {len(second)} samples; {FEWEST_SAMPLES} needed'
+        )
     if not min(np.ptp(first), np.ptp(second)) > 0:
         raise NoPairs('a signal that never changes has no lag')
+    spans = [float(np.ptp(stamps)) for stamps in (first_s, second_s)]
     step_s = min(float(np.median(np.diff(stamps))) for stamps in (first_s, second_s))
     step_s = max(step_s, sum(spans) / MOST_SAMPLES)
     grids = [stamps[0] + step_s * np.arange(int(np.ptp(stamps) / step_s) + 1)
@@ -80,96 +82,126 @@ def lag_of_signals(
     if not _rivals(best.height, other.height):
         best, other, sign = other, best, -1
     start_s = float(best.lag_s + first_s[0] - second_s[0])
-    offset_s, uncertainty_s = _refined(first_s, first, second_s, sign * second, start_s)
+    offset_s, uncertainty_s = _SignalPair(first_s, first, second_s, sign * second).refined(start_s)
     next_peak = float(np.fmax(best.rival, other.height))
-    ambiguous = _rivals(next_peak, best.height)
-    return SignalLag(offset_s, uncertainty_s, sign, best.height, next_peak, ambiguous)
+    return SignalLag(
+        offset_s=offset_s,
+        uncertainty_s=uncertainty_s,
+        sign=sign,
+        peak=best.height,
+        next_peak=next_peak,
+        ambiguous=_rivals(next_peak, best.height),
+    )
 
 
 def _rivals(height: float, peak: float) -> bool:
     """Return whether a correlation leaves hardly more unexplained than that of the peak."""
-    return height > 0 and 1 - height**2 < AMBIGUOUS * (1 - peak**2) + ANYHOW
+    return height > 0 and 1 - height**2 < RIVAL_RATIO * (1 - peak**2) + RIVAL_RESIDUAL
 
 
-def _refined(
-    first_s: np.ndarray,
-    first: np.ndarray,
-    second_s: np.ndarray,
-    second: np.ndarray,
-    start_s: float,
-) -> tuple[float, float]:
+class _SignalPair:
     """
-    Return the lag, and half the width of its 95 % interval.
+    Two signals whose lag is known to about a sample.
 
-    Both signals are noisy, so neither is fitted to the other: at the lag, Σ a'b - ab' is zero in
-    the mean, whatever their noise, and its slope is 2 Σ a'b'. Both are smoothed alike, as widely
-    as makes the lag most certain.
+    Both are noisy, so neither is fitted to the other: at the lag, Σ a'b - ab' is zero in the
+    mean, whatever their noise, and its slope is 2 Σ a'b'.
     """
-    intervals_s = [float(np.median(np.diff(stamps))) for stamps in (first_s, second_s)]
-    span_s = float(np.ptp(first_s))
-    step_s = max(min(*intervals_s, max(intervals_s) / 4), span_s / MOST_SAMPLES)
-    grid_s = np.arange(first_s[0], first_s[-1], step_s)
-    values = np.interp(grid_s, first_s, first)
 
-    def smoothed(offset_s: float, width: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return both signals at the times that they share."""
-        at = grid_s - offset_s
-        shared = (at >= second_s[0]) & (at <= second_s[-1])
+    def __init__(
+        self, first_s: np.ndarray, first: np.ndarray, second_s: np.ndarray, second: np.ndarray
+    ) -> None:
+        self._second_s, self._second = second_s, second
+        intervals_s = [float(np.median(np.diff(stamps))) for stamps in (first_s, second_s)]
+        #: the longer interval between samples
+        self._interval_s = max(intervals_s)
+        self._span_s = float(np.ptp(first_s))
+        self._step_s = max(min(*intervals_s, max(intervals_s) / 4), self._span_s / MOST_SAMPLES)
+        self._grid_s = np.arange(first_s[0], first_s[-1], self._step_s)
+        self._first = np.interp(self._grid_s, first_s, first)
+
+    def refined(self, start_s: float) -> tuple[float, float]:
+        """
+        Return the lag, and half the width of its 95 % interval.
+
+        Both signals are smoothed alike, as widely as makes the lag most precise.
+        """
+        width = self._best_width(start_s)
+        if not width:
+            return start_s, math.inf
+        offset_s = self._root(width, start_s)
+        # few long parts include errors that last, many short ones have a precise scatter
+        terms = self._terms(offset_s, width)
+        scatter_s = max(
+            T_95 * _jackknife(*terms, BLOCKS), T_95_OF_PARTS * _jackknife(*terms, PARTS)
+        )
+        if not math.isfinite(scatter_s):
+            return offset_s, math.inf
+        power = abs(np.vdot(*self._smoothed(offset_s, width)))
+        rad_s = math.sqrt(terms[1].sum() / 2 / power)
+        return offset_s, math.hypot(scatter_s, FLOOR_INTERVALS * rad_s * self._interval_s**2)
+
+    def _smoothed(self, offset_s: float, width: int) -> tuple[np.ndarray, np.ndarray]:
+        """Return both signals, smoothed, at the times that they share."""
+        at = self._grid_s - offset_s
+        shared = (at >= self._second_s[0]) & (at <= self._second_s[-1])
         if np.count_nonzero(shared) < 2 * (width + PARTS):
             return np.zeros(0), np.zeros(0)
-        a = _smoothed(values[shared], width)
-        b = _smoothed(np.interp(at[shared], second_s, second), width)
+        a = _moving_mean(self._first[shared], width)
+        b = _moving_mean(np.interp(at[shared], self._second_s, self._second), width)
         return a - a.mean(), b - b.mean()
 
-    def pulls(offset_s: float, width: int) -> tuple[np.ndarray, np.ndarray]:
+    def _terms(self, offset_s: float, width: int) -> tuple[np.ndarray, np.ndarray]:
         """Return the terms of the sum that is zero at the lag, and of its slope."""
-        a, b = smoothed(offset_s, width)
+        a, b = self._smoothed(offset_s, width)
         if not len(a):
             return a, b
-        rise_a, rise_b = np.gradient(a, step_s), np.gradient(b, step_s)
-        return rise_a * b - a * rise_b, 2 * rise_a * rise_b
+        slope_a, slope_b = np.gradient(a, self._step_s), np.gradient(b, self._step_s)
+        return slope_a * b - a * slope_b, 2 * slope_a * slope_b
 
-    def converged(width: int) -> float:
+    def _root(self, width: int, start_s: float) -> float:
+        """Return the lag at which the sum is zero, by Newton's method."""
         offset_s = start_s
-        for _ in range(ITERATIONS):
-            pull, slope = (float(terms.sum()) for terms in pulls(offset_s, width))
+        for _ in range(ROOT_STEPS):
+            value, slope = (float(terms.sum()) for terms in self._terms(offset_s, width))
             if not slope > 0:
                 break
-            change_s = float(np.clip(pull / slope, -width * step_s, width * step_s))
+            largest_s = width * self._step_s
+            change_s = float(np.clip(value / slope, -largest_s, largest_s))
             offset_s += change_s
             if abs(change_s) < CONVERGED_S:
                 break
         return offset_s
 
-    widths = [max(round(max(intervals_s) / step_s / 2), 1)]
-    power = float(np.vdot(*smoothed(start_s, widths[0])))
-    while float(np.vdot(*smoothed(start_s, widths[-1]))) > power / 2 and widths[
-        -1
-    ] * step_s < span_s / (2 * PARTS):
-        widths.append(2 * widths[-1])
-    # From wide to narrow. How certain a width makes the lag is told at the lag of the one before:
-    # a peak that noise made would seem sharp.
-    offset_s, best_s, best = start_s, math.inf, 0
-    for width in reversed(widths):
-        certain_s = _jackknife(*pulls(offset_s, width), PARTS)
-        if certain_s > WORSE * best_s:
-            break
-        if certain_s < WIDER * best_s:
-            best_s, best = min(certain_s, best_s), width
-        offset_s = converged(width)
-    if not best:
-        return start_s, math.inf
-    offset_s = converged(best)
-    # a few long parts know of errors that last, many short ones are told more surely
-    terms = pulls(offset_s, best)
-    told_s = max(T_95 * _jackknife(*terms, BLOCKS), T_95_OF_PARTS * _jackknife(*terms, PARTS))
-    if not math.isfinite(told_s):
-        return offset_s, math.inf
-    turning = math.sqrt(terms[1].sum() / 2 / abs(np.vdot(*smoothed(offset_s, best))))
-    return offset_s, math.hypot(told_s, FLOOR_INTERVALS * turning * max(intervals_s) ** 2)
+    def _widths(self, start_s: float) -> list[int]:
+        """Return widths of smoothing, in samples, up to the one that halves the power."""
+        widths = [max(round(self._interval_s / self._step_s / 2), 1)]
+        power = float(np.vdot(*self._smoothed(start_s, widths[0])))
+        while (
+            float(np.vdot(*self._smoothed(start_s, widths[-1]))) > power / 2
+            and widths[-1] * self._step_s < self._span_s / (2 * PARTS)
+        ):  # fmt: skip
+            widths.append(2 * widths[-1])
+        return widths
+
+    def _best_width(self, start_s: float) -> int:
+        """
+        Return the smoothing that makes the lag most precise; 0 where none does.
+
+        From wide to narrow, the precision of each is taken at the lag of the one before: a peak
+        that noise made would seem sharp.
+        """
+        offset_s, best_s, best = start_s, math.inf, 0
+        for width in reversed(self._widths(start_s)):
+            deviation_s = _jackknife(*self._terms(offset_s, width), PARTS)
+            if deviation_s > WORSE_RATIO * best_s:
+                break
+            if deviation_s < PREFERENCE_RATIO * best_s:
+                best_s, best = min(deviation_s, best_s), width
+            offset_s = self._root(width, start_s)
+        return best
 
 
-def _smoothed(values: np.ndarray, width: int) -> np.ndarray:
+def _moving_mean(values: np.ndarray, width: int) -> np.ndarray:
     """Return the values that a moving mean leaves, applied twice."""
     for _ in range(2):
         sums = np.cumsum(np.append(0.0, values))
@@ -177,16 +209,16 @@ def _smoothed(values: np.ndarray, width: int) -> np.ndarray:
     return values
 
 
-def _jackknife(pulls: np.ndarray, slopes: np.ndarray, parts: int) -> float:
-    """Return the standard deviation of a lag, from parts that tell as much of it each."""
-    if not len(pulls):
+def _jackknife(values: np.ndarray, slopes: np.ndarray, parts: int) -> float:
+    """Return the standard deviation of a lag, from parts of as much information each."""
+    if not len(values):
         return math.inf
-    told = np.cumsum(np.abs(slopes))
-    edges = np.searchsorted(told, told[-1] * np.arange(1, parts) / parts)
-    pull, slope = (np.array([part.sum() for part in np.split(terms, edges)])
-                   for terms in (pulls, slopes))  # fmt: skip
+    information = np.cumsum(np.abs(slopes))
+    edges = np.searchsorted(information, information[-1] * np.arange(1, parts) / parts)
+    value, slope = (np.array([part.sum() for part in np.split(terms, edges)])
+                    for terms in (values, slopes))  # fmt: skip
     without = slope.sum() - slope
     if not without.min() > 0:
         return math.inf
-    lags = (pull.sum() - pull) / without
+    lags = (value.sum() - value) / without
     return math.sqrt((parts - 1) * float(np.var(lags)))

@@ -14,6 +14,7 @@ import math
 
 from vio_eval_ros.core.alignment import Alignment
 from vio_eval_ros.core.gates import Gate, judge, SEVERITIES
+from vio_eval_ros.diagnosis.causes import CAUSES
 from vio_eval_ros.diagnosis.diagnosis import Cause, Diagnosis
 from vio_eval_ros.live.queues import TimeJump
 from vio_eval_ros.recordings.messages import CONVERTERS
@@ -27,8 +28,6 @@ MANY_DROPPED_RATIO = 0.01
 #: or moved so many times as far, and by so many metres
 DIVERGED_RATIO = 10.0
 DIVERGED_M = 10.0
-#: units of causes, as the names of values have them
-UNIT_NAMES = {'%/min': 'percent_per_min', 'deg/min': 'deg_per_min'}
 
 
 class Level(IntEnum):
@@ -413,7 +412,7 @@ def diagnosis(run: RunState) -> Status:
 
 def _values_of(cause: Cause) -> dict[str, object]:
     """Return what there is to say of a cause, under names that begin with its own."""
-    unit = f'_{UNIT_NAMES.get(cause.unit, cause.unit)}'
+    unit = f'_{CAUSES[cause.name].unit_in_names}'
     values = {
         unit: cause.value,
         f'_uncertainty{unit}': cause.uncertainty,

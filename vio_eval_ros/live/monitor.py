@@ -14,8 +14,8 @@ import numpy as np
 
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.trajectory import Pairs
+from vio_eval_ros.diagnosis.diagnosed_run import DiagnosedRun
 from vio_eval_ros.diagnosis.diagnosis import diagnose_run, Diagnosis
-from vio_eval_ros.diagnosis.run import Run
 from vio_eval_ros.errors import NoPairs
 
 INTERVAL_S = 10.0
@@ -65,7 +65,7 @@ class DiagnosisMonitor:
     def _diagnose(self, pairs: Pairs) -> None:
         began_s, busy_s = time.monotonic(), time.thread_time()
         try:
-            run = Run(pairs.estimate, pairs.ground_truth, self._config)
+            run = DiagnosedRun(pairs.estimate, pairs.ground_truth, self._config)
             self.latest, self.pairs, self.problem = diagnose_run(run), len(pairs), ''
         except NoPairs:
             self.latest, self.pairs, self.problem = None, 0, ''

@@ -23,18 +23,18 @@ from vio_eval_ros.diagnosis.correction import Correction
 from vio_eval_ros.errors import NoPairs
 
 FEWEST_POSES = 20
-LEAST_ERROR = 1e-6
-#: an error that is to be called better must become smaller by this share
-IMPROVEMENT = 0.05
-FAR = 10  # durations of nearly all of a run
+#: smaller errors, in m or deg, cannot be reduced
+SMALLEST_ERROR = 1e-6
+#: stamps are kept within so many durations of nine tenths of the run
+STAMP_REACH = 10
 
 
-class Run:
+class DiagnosedRun:
     """
     An estimate and its truth on one clock and of one body, as far as that is known.
 
     :param config: the options that have been applied.
-    :raises NoPairs: where one side has too few poses to tell anything.
+    :raises NoPairs: where one side has too few poses.
     """
 
     def __init__(self, estimate: Trajectory, truth: Trajectory, config: EvaluationConfig) -> None:
@@ -44,9 +44,11 @@ class Run:
         #: how many poses of each side have stamps far from all others, and are left out
         self.stray = {name: len(received[name]) - len(poses) for name, poses in sides.items()}
         #: the sides whose orientations are one constant that stands for none, and are left out
-        self.unturned = [name for name, poses in sides.items() if _never_turns(poses)]
+        self.constant_orientations = [
+            name for name, poses in sides.items() if _never_rotates(poses)
+        ]
         self.estimate, self.truth = (
-            replace(poses, rotations=None) if name in self.unturned else poses
+            replace(poses, rotations=None) if name in self.constant_orientations else poses
             for name, poses in sides.items()
         )
         for name, side in (('estimate', self.estimate), ('ground truth', self.truth)):
@@ -55,13 +57,15 @@ class Run:
                     f'the {name} has {len(side)} usable poses; a diagnosis needs at least '
                     f'{FEWEST_POSES}'
                 )
-        self.turning = self.estimate.rotations is not None and self.truth.rotations is not None
+        self.oriented = self.estimate.rotations is not None and self.truth.rotations is not None
         stamps_ns = self.estimate.stamps_ns
         self.middle_ns = int(stamps_ns[0] + stamps_ns[-1]) // 2
         self.half_s = float(stamps_ns[-1] - stamps_ns[0]) / 2e9
 
     @classmethod
-    def received(cls, estimate: Trajectory, truth: Trajectory, config: EvaluationConfig) -> Run:
+    def received(
+        cls, estimate: Trajectory, truth: Trajectory, config: EvaluationConfig
+    ) -> DiagnosedRun:
         """Return the run of two streams as they came: shifted, moved to the body and cropped."""
         truth = Preparation.of_ground_truth(config).apply(truth)
         estimate = Preparation.of_estimate(config).apply(estimate)
@@ -70,10 +74,10 @@ class Run:
             truth = truth[(elapsed_s >= config.start_s) & (elapsed_s <= config.end_s)]
         return cls(estimate, truth, config)
 
-    def of(self, estimate: Trajectory, truth: Trajectory) -> Run:
+    def of(self, estimate: Trajectory, truth: Trajectory) -> DiagnosedRun:
         """Return this run of other poses, made from its own."""
-        run = Run(estimate, truth, self.config)
-        run.stray, run.unturned = self.stray, self.unturned
+        run = DiagnosedRun(estimate, truth, self.config)
+        run.stray, run.constant_orientations = self.stray, self.constant_orientations
         return run
 
     @cached_property
@@ -94,29 +98,29 @@ class Run:
         return Pairs.of(corrected, self.true_poses.at(corrected.stamps_ns))
 
     def errors(self, correction: Correction) -> dict[str, float]:
-        """Return the root mean square of every kind of error that a cure may make smaller."""
+        """Return the root mean square of every kind of error that undoing a cause may reduce."""
         pairs = self.pairs(correction)
         if len(pairs) < FEWEST_POSES:
             return {}
         moments = Moments.of(pairs)
-        aligned, upright = (solve(mode, moments, pairs[:1]) for mode in ('se3', 'posyaw'))
+        aligned, levelled = (solve(mode, moments, pairs[:1]) for mode in ('se3', 'posyaw'))
         errors = {
             'ATE [m]': position_errors(pairs, aligned),
-            'posyaw ATE [m]': position_errors(pairs, upright),
+            'posyaw ATE [m]': position_errors(pairs, levelled),
             'rotation ATE [deg]': rotation_errors(pairs, aligned),
         }
         for delta in (Delta(1, 'f'), Delta(1, 's')):
             apart = candidates(progress_along(pairs, delta.unit), delta, 'all')
             begin, end = apart.begin[apart.usable], apart.end[apart.usable]
-            pose, turn, displacement, _ = relative_errors(pairs, begin, end, aligned)
+            pose, angle, displacement, _ = relative_errors(pairs, begin, end, aligned)
             errors[f'RPE {delta} [m]'] = displacement if pairs.rotations is None else pose
-            errors[f'rotation RPE {delta} [deg]'] = turn
+            errors[f'rotation RPE {delta} [deg]'] = angle
         return {name: root_mean_square(each) for name, each in errors.items()}
 
-    def is_worse(self, correction: Correction, than: Correction) -> bool:
-        """Return whether one correction leaves a clearly larger ATE than another."""
+    def is_worse(self, correction: Correction, than: Correction, percent: float) -> bool:
+        """Return whether one correction leaves an ATE that is larger by some percent."""
         ates = [self.errors(one).get('ATE [m]', math.nan) for one in (correction, than)]
-        return bool(ates[0] > (1 + IMPROVEMENT) * ates[1])
+        return bool(ates[0] > (1 + percent / 100) * ates[1])
 
     def ate_m(self, correction: Correction) -> float:
         """Return the ATE of the corrected estimate as ``replay`` gives it; NaN without pairs."""
@@ -141,12 +145,12 @@ def _together(poses: Trajectory) -> Trajectory:
     if len(poses) < FEWEST_POSES:
         return poses
     early, late = poses.stamps_ns[[len(poses) // 20, -1 - len(poses) // 20]]
-    reach = FAR * (late - early)
+    reach = STAMP_REACH * (late - early)
     near = (poses.stamps_ns > early - reach) & (poses.stamps_ns < late + reach)
     return poses if near.all() else poses[near]
 
 
-def _never_turns(poses: Trajectory) -> bool:
+def _never_rotates(poses: Trajectory) -> bool:
     """Return whether all rotations are the same to the last digit, as no measured ones are."""
     return poses.rotations is not None and not (poses.rotations != poses.rotations[:1]).any()
 
@@ -155,7 +159,7 @@ def improvement(
     before: dict[str, float], after: dict[str, float], kinds: str = ''
 ) -> tuple[str, float, float]:
     """
-    Return the error that becomes smaller by the largest share, and what it was and is.
+    Return the error that is reduced by the largest share, and its values before and after.
 
     :param kinds: a regular expression that the beginnings of the errors' names must match.
     """
@@ -165,7 +169,7 @@ def improvement(
         name
         for name in before
         if re.match(kinds, name)
-        and before[name] > LEAST_ERROR
+        and before[name] > SMALLEST_ERROR
         and math.isfinite(after.get(name, math.nan))
     ]
     best = min(known, key=lambda name: after[name] / before[name], default='')

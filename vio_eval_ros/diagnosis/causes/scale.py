@@ -1,0 +1,94 @@
+"""The estimate is too large or too small, everywhere or more and more."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+import math
+
+from vio_eval_ros.core.alignment import SCALED_MODES
+from vio_eval_ros.core.steps import path_of_changed_steps
+from vio_eval_ros.diagnosis.causes.cause import KnownCause, POSITION_ERRORS, template
+from vio_eval_ros.diagnosis.causes.measuring import Measuring
+from vio_eval_ros.diagnosis.correction import PosesInCorrection
+from vio_eval_ros.diagnosis.geometry import fit_scale
+from vio_eval_ros.diagnosis.measurement import Measurement
+
+PERCENT_PER_MINUTE = 100 * 60
+
+
+def _undo_scale(poses: PosesInCorrection, scale: float) -> PosesInCorrection:
+    """Return the poses in metres of the truth."""
+    return replace(poses, positions=poses.positions / scale)
+
+
+def _undo_drift(poses: PosesInCorrection, per_s: float) -> PosesInCorrection:
+    """Return the poses with one scale, given by how much more of itself it grows per second."""
+    if not per_s:
+        return poses
+    factors = 1 / (1 + per_s * poses.elapsed_s)
+    return replace(poses, positions=path_of_changed_steps(poses.positions, factors))
+
+
+SCALE = KnownCause(
+    name='scale',
+    unit='ratio',
+    meaning='estimated over true length',
+    measured='the slope of the estimated positions over the true ones, rotated as the best '
+    'similarity does',
+    remedy='`--alignment sim3`',
+    evidence=template('it is {v:.4f} ± {u:.4f} times as large as the ground truth'),
+    advice='Check baseline and IMU calibration, or that a monocular system was initialised with '
+    'metric scale; sim3 shows what is left without it.',
+    advice_without_imu='Check the stereo baseline or the scale of the depth; a monocular camera '
+    'has no metric scale. sim3 shows what is left without it.',
+    limits=('scale_percent',),
+    healthy=lambda limits, half_s: math.log(1 + limits.scale_percent / 100),
+    undo=_undo_scale,
+    undo_order=50,
+    flags=lambda correction, config: ('--alignment', 'sim3'),
+    acts_on='ATE',
+    removed_by=tuple(SCALED_MODES),
+)
+SCALE_DRIFT = KnownCause(
+    name='scale_drift',
+    unit='%/min',
+    meaning='per minute',
+    measured='a scale that grows evenly, in the fit of the lever arm',
+    remedy='the estimator',
+    evidence=template('its scale changes by {v:.1f} ± {u:.1f} % per minute'),
+    advice='Give the estimator something metric all the time: accelerometer excitation, stereo '
+    'overlap at the depth seen; check the accelerometer bias.',
+    advice_without_imu='Give the estimator something metric all the time: depth in range, stereo '
+    'overlap at the depth seen, loop closures.',
+    limits=('scale_drift_percent', 'positions_late_s'),
+    healthy=lambda limits, half_s: 60 * limits.scale_drift_percent / half_s,
+    undo=_undo_drift,
+    undo_order=60,
+    acts_on=POSITION_ERRORS,
+)
+CAUSES = (SCALE, SCALE_DRIFT)
+
+
+def measure(run: Measuring) -> None:
+    """Note the drift of the scale, and the scale of what is left."""
+    drift = run.measured(
+        SCALE_DRIFT,
+        PERCENT_PER_MINUTE * run.body.scale_drift.value,
+        PERCENT_PER_MINUTE * run.body.scale_drift.uncertainty,
+    )
+    if run.findings['positions_late_s'] is not None:
+        drift = drift.as_unobservable()
+    run.note(SCALE_DRIFT, drift, drift.value / PERCENT_PER_MINUTE)
+    scale = _scale(run)
+    run.note(SCALE, scale, scale.value)
+
+
+def _scale(run: Measuring) -> Measurement:
+    """Return the scale; its size is its logarithm, so that half is as far off as double."""
+    scale = fit_scale(run.pairs())
+    known = scale.uncertainty < scale.value
+    return replace(
+        run.measured(SCALE, scale.value, scale.uncertainty),
+        size=abs(math.log(scale.value)),
+        size_uncertainty=-math.log1p(-scale.uncertainty / scale.value) if known else math.inf,
+    )

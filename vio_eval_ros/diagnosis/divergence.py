@@ -1,0 +1,55 @@
+"""Where an estimate leaves and never comes back."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vio_eval_ros.core.rotation import lengths
+from vio_eval_ros.diagnosis.windows import NEIGHBOURS
+
+#: the last shares of a run that are compared with the drift over as long elsewhere in it
+LAST_SHARES = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4)
+#: how many times as large as elsewhere the drift over such a share is
+DRIFT_RATIO = 5.0
+
+
+def diverged_from(errors: np.ndarray, truth: np.ndarray, least_m: float) -> int | None:
+    """
+    Return the first sample of an estimate that has left, if it never comes back.
+
+    :param errors: (N, 3) of the positions.
+    :param truth: (N, 3) positions.
+    :param least_m: what is nearer has not left.
+    """
+    beginnings = (_beyond_extent(errors, truth, least_m), _fast_drift(errors, least_m))
+    return min((first for first in beginnings if first is not None), default=None)
+
+
+def _beyond_extent(errors: np.ndarray, truth: np.ndarray, least_m: float) -> int | None:
+    """Return the first sample from which the error stays larger than the truth's extent."""
+    extent = float(lengths(truth - truth.mean(axis=0)).max())
+    far = lengths(errors - np.median(errors[: max(len(errors) // 3, 1)], axis=0)) > max(
+        extent, least_m
+    )
+    if not far[-1] or far.all():
+        return None
+    first = int(np.flatnonzero(~far)[-1]) + 1
+    return first if len(far) - first >= NEIGHBOURS else None
+
+
+def _fast_drift(errors: np.ndarray, least_m: float) -> int | None:
+    """Return the first sample from which the error changes as never before over as long."""
+    best, found = DRIFT_RATIO, None
+    for share in LAST_SHARES:
+        count = int(share * len(errors))
+        if count < 2 * NEIGHBOURS:
+            continue
+        changes = lengths(errors[count:] - errors[:-count])
+        usual = float(changes[: len(errors) - 2 * count].max())
+        # from where it was all the time before: else it has come back
+        away = float(lengths(errors[:-count] - errors[-1]).min())
+        if min(changes[-1], away) > max(best * usual, least_m):
+            best = float(changes[-1]) / usual
+            near = lengths(errors[-count:] - errors[-count - 1]) <= usual
+            found = len(errors) - count + int(np.flatnonzero(near)[-1] + 1 if near.any() else 0)
+    return found

@@ -1,0 +1,115 @@
+"""Where tracking was lost: intervals without poses, and poses missing one by one."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from vio_eval_ros.core import rotation
+from vio_eval_ros.core.interpolation import Interpolator
+from vio_eval_ros.core.intervals import nanoseconds
+from vio_eval_ros.core.steps import distances, step_lengths
+from vio_eval_ros.core.trajectory import Trajectory
+from vio_eval_ros.diagnosis.limits import DiagnosisLimits
+
+#: an interval is as usual up to so many usual ones
+USUAL_RATIO = 1.5
+#: a gap is longer than so many usual intervals
+GAP_RATIO = 5.0
+#: in a gap of an irregular stream the truth moves so many times as far as between other poses
+GAP_PATH_RATIO, GAP_PATH_M = 3.0, 0.5
+#: the share of usual intervals that a stream with a rate has at least, and its fewest long ones
+USUAL_SHARE, FEWEST_LONG_INTERVALS = 0.45, 5
+#: of the usual speed, the share that is still not slower; beyond chance, in standard deviations
+SPEED_SHARE, CHANCE_DEVIATIONS = 0.75, 3.0
+
+
+@dataclass(frozen=True)
+class Gap:
+    """An interval without estimate, though there is truth; by the clock of the truth."""
+
+    begin_ns: int
+    end_ns: int
+
+    @property
+    def seconds(self) -> float:
+        """How long it is."""
+        return (self.end_ns - self.begin_ns) / 1e9
+
+
+def missing_s(estimate: Trajectory, truth: Interpolator, gaps: list[Gap]) -> float:
+    """
+    Return for how long poses are missing outside those gaps, one or some at a time.
+
+    A stream that loses poses still has many intervals of its rate. A stream of keyframes has long
+    intervals where the camera moves and rotates slowly, since keyframes are chosen by that; where
+    poses were lost, the body is as fast in the long intervals as in the others, or faster.
+    """
+    stamps_ns = estimate.stamps_ns
+    inside = truth.inside(stamps_ns)
+    between = inside[:-1] & inside[1:]
+    between &= ~np.isin(stamps_ns[:-1], [gap.begin_ns for gap in gaps])
+    intervals = np.diff(stamps_ns)[between]
+    if not len(intervals):
+        return 0.0
+    usual = float(np.median(intervals[intervals <= USUAL_RATIO * np.quantile(intervals, 0.05)]))
+    long = intervals > USUAL_RATIO * usual
+    if long.mean() > 1 - USUAL_SHARE or np.count_nonzero(long) < FEWEST_LONG_INTERVALS:
+        return 0.0
+    poses = truth.at(stamps_ns)
+    motions = [step_lengths(poses.positions)]
+    if poses.rotations is not None:
+        motions.append(rotation.angle_between(poses.rotations[1:], poses.rotations[:-1]))
+    if any(_is_slower(motion[between], intervals, long) for motion in motions):
+        return 0.0
+    return float(np.sum(intervals[long] - usual)) / 1e9
+
+
+def _is_slower(motion: np.ndarray, intervals: np.ndarray, long: np.ndarray) -> bool:
+    """Return whether the body is clearly slower in the long intervals than in the others."""
+    within, elsewhere = (motion[rows].sum() / intervals[rows].sum() for rows in (long, ~long))
+    deviation = float(np.std(motion[long] / intervals[long])) / math.sqrt(len(intervals[long]))
+    limit = max((1 - SPEED_SHARE) * elsewhere, CHANCE_DEVIATIONS * deviation)
+    return bool(elsewhere - within > limit)
+
+
+def find_gaps(
+    estimate: Trajectory, truth: Trajectory, max_gap_s: float, limits: DiagnosisLimits
+) -> list[Gap]:
+    """
+    Return the intervals in which tracking was lost.
+
+    Keyframes come when the camera has moved on: of an irregular stream an interval counts where
+    it is much longer than nearly all others and the truth moved much further in it; at the end of
+    the run it also has to be a larger share of it. An estimate that begins late has taken its
+    time to initialise: that counts from a share of the run on.
+    """
+    stamps_ns, known_ns = estimate.stamps_ns, truth.stamps_ns
+    intervals = np.diff(stamps_ns)
+    usual = float(np.median(intervals))
+    path = distances(truth.positions)
+    at = np.interp(stamps_ns.astype(float), known_ns.astype(float), path)
+    regular = float(np.quantile(intervals, 0.9)) <= USUAL_RATIO * usual
+    if not regular:
+        usual = float(np.quantile(intervals, 0.98))
+    limit_m = max(GAP_PATH_RATIO * float(np.quantile(np.diff(at), 0.95)), GAP_PATH_M)
+    limit_ns = max(nanoseconds(max_gap_s), GAP_RATIO * usual)
+    lost = (intervals > limit_ns) & (regular | (np.diff(at) > limit_m))
+    gaps = [Gap(int(stamps_ns[k]), int(stamps_ns[k + 1])) for k in np.flatnonzero(lost)]
+    duration_ns = int(known_ns[-1] - known_ns[0])
+    end_ns = limit_ns if regular else max(limit_ns, limits.early_end_percent / 100 * duration_ns)
+    if known_ns[-1] - stamps_ns[-1] > end_ns and path[-1] - at[-1] > limit_m:
+        gaps.append(Gap(int(stamps_ns[-1]), int(known_ns[-1])))
+    if stamps_ns[0] - known_ns[0] > limits.late_start_percent / 100 * duration_ns:
+        gaps.insert(0, Gap(int(known_ns[0]), int(stamps_ns[0])))
+    return _where_there_is_truth(gaps, int(known_ns[0]), int(known_ns[-1]))
+
+
+def _where_there_is_truth(gaps: list[Gap], first_ns: int, last_ns: int) -> list[Gap]:
+    return [
+        Gap(max(gap.begin_ns, first_ns), min(gap.end_ns, last_ns))
+        for gap in gaps
+        if gap.end_ns > first_ns and gap.begin_ns < last_ns
+    ]
