@@ -34,18 +34,18 @@ def mean_square(rotations: np.ndarray, other: np.ndarray) -> float:
 def test_where_it_says_that_it_holds_it_is_exact(seed, spread, angle):
     centre, rotations = scattered(seed, spread)
     moments, other = AngleMoments.of(rotations, centre), turned(centre, angle)
-    if moments.holds(other):
+    if moments.is_exact_for(other):
         expected = mean_square(rotations, other)
         assert moments.mean_square(other) == pytest.approx(expected, rel=1e-9)
-    assert moments.holds(centre)
+    assert moments.is_exact_for(centre)
 
 
 @pytest.mark.parametrize('spread', [1e-7, 1e-3, 0.02, 0.3])
 def test_it_holds_within_a_degree(spread):
     centre, rotations = scattered(5, spread)
     moments = AngleMoments.of(rotations, centre)
-    assert moments.holds(turned(centre, np.radians(1)))
-    assert not moments.holds(turned(centre, np.radians(40)))
+    assert moments.is_exact_for(turned(centre, np.radians(1)))
+    assert not moments.is_exact_for(turned(centre, np.radians(40)))
 
 
 @given(st.integers(0, 99), st.sampled_from([0.003, 0.01, 0.03]), st.sampled_from([0.5, 1.5, 3.0]))
@@ -53,7 +53,7 @@ def test_rare_outliers_are_not_overlooked(seed, angle, far):
     centre, rotations = scattered(seed, 1e-3)
     rotations[:3] = turned(centre, far)
     moments, other = AngleMoments.of(rotations, centre), turned(centre, angle)
-    if moments.holds(other):
+    if moments.is_exact_for(other):
         assert moments.mean_square(other) == pytest.approx(mean_square(rotations, other), rel=1e-9)
 
 
@@ -68,8 +68,8 @@ def test_a_half_turn_is_no_place_to_extrapolate_from():
     centre, rotations = scattered(7, 1e-3)
     opposite = rotation.multiply(np.array([1.0, 0.0, 0.0, 0.0]), centre)
     moments = AngleMoments.of(np.concatenate([rotations, [opposite]]), centre)
-    assert moments.holds(centre)
-    assert not moments.holds(turned(centre, 1e-3))
+    assert moments.is_exact_for(centre)
+    assert not moments.is_exact_for(turned(centre, 1e-3))
 
 
 def test_merging_gives_the_moments_of_both():

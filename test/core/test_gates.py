@@ -123,10 +123,10 @@ def test_a_limit_to_warn_at_goes_in_the_direction_of_the_other():
 @pytest.mark.parametrize(
     ('bounds', 'problem'),
     [
-        ({'warn': 0.2}, 'warn goes with either max or min'),
-        ({'max': 0.3, 'min': 0.1, 'warn': 0.2}, 'warn goes with either max or min'),
-        ({'max': 0.3, 'warn': 0.4}, 'it would have failed already'),
-        ({'max': 0.3, 'warning': 0.2}, 'and warn: number beside one of them'),
+        ({'warn': 0.2}, 'warn needs either max or min'),
+        ({'max': 0.3, 'min': 0.1, 'warn': 0.2}, 'warn needs either max or min'),
+        ({'max': 0.3, 'warn': 0.4}, 'is beyond the limit that fails a run'),
+        ({'max': 0.3, 'warning': 0.2}, 'and warn: number beside only one of them'),
     ],
 )
 def test_a_warning_that_makes_no_sense_is_refused(bounds, problem):

@@ -1,5 +1,5 @@
 """
-Moments of paired positions, and the alignments and errors that follow from them in closed form.
+Moments of paired positions: alignments and errors follow from them in closed form.
 
 An alignment takes the estimate into the world of the ground truth: g ≈ s R e + t.
 """
@@ -17,7 +17,8 @@ from vio_eval_ros.core.rotation import IDENTITY
 from vio_eval_ros.core.trajectory import blocks, PairLog, Pairs, Trajectory
 
 SCALED_MODES = ('scale', 'sim3')
-COLLINEAR = 1e-3
+#: second over first singular value, below which positions lie on a line
+COLLINEAR_RATIO = 1e-3
 MIN_EXTENT_M = 1e-6
 MIN_SCALE = 1e-3
 
@@ -28,9 +29,9 @@ class Moments:
     Count, mean and centred second moments of N paired positions.
 
     Moments of two sets merge exactly (Chan, Golub, LeVeque 1979), so a run can be added batch by
-    batch or joined from parts. They are centred throughout: raw sums lose all digits at
-    coordinates of the size of UTM's. Beside g they are kept of Q e and g - Q e, with Q near the
-    alignment's s R: else a small error would have to come out as the difference of large moments.
+    batch or joined from parts. They are centred throughout: at coordinates as large as UTM's, raw
+    sums would lose all digits. They are of Q e, g and g - Q e, with Q near the alignment's s R:
+    otherwise small errors would be differences of large moments.
 
     :param count: N.
     :param mean: (9,) mean of Q e, g and g - Q e, metres.
@@ -45,7 +46,7 @@ class Moments:
 
     @classmethod
     def empty(cls, reference: np.ndarray | None = None) -> Moments:
-        """Return the moments of nothing."""
+        """Return the moments of no pairs."""
         return cls(0, np.zeros(9), np.zeros((9, 9)), np.eye(3) if reference is None else reference)
 
     @classmethod
@@ -61,14 +62,14 @@ class Moments:
         return moments
 
     def _of_block(self, estimate: np.ndarray, truth: np.ndarray) -> Moments:
-        turned = estimate @ self.reference.T
-        samples = np.concatenate([turned, truth, truth - turned], axis=1)
+        rotated = estimate @ self.reference.T
+        samples = np.concatenate([rotated, truth, truth - rotated], axis=1)
         mean = samples.mean(axis=0)
         samples -= mean
-        # the mean of what is left is rounding: taking it out keeps the sums exact
-        rest = samples.mean(axis=0)
-        samples -= rest
-        return Moments(len(samples), mean + rest, samples.T @ samples, self.reference)
+        # the mean that remains is rounding: subtracting it keeps the sums exact
+        remainder = samples.mean(axis=0)
+        samples -= remainder
+        return Moments(len(samples), mean + remainder, samples.T @ samples, self.reference)
 
     def merge(self, other: Moments) -> Moments:
         """Return the moments of both sets together; they must share their reference."""
@@ -121,8 +122,8 @@ class Alignment:
     :param scale: s; NaN where the estimate does not move.
     :param rotation: R as (4,) unit quaternion x y z w.
     :param translation: t, (3,) metres; NaN where there is nothing to align.
-    :param undetermined: why the motion does not determine R, empty where it does; rotation errors
-        are NaN then.
+    :param undetermined: why the motion does not determine R; empty where it does. Rotation errors
+        are NaN where it does not.
     """
 
     mode: str
@@ -147,8 +148,8 @@ class Alignment:
         """Whether the motion determines R."""
         return not self.undetermined
 
-    def near(self) -> Alignment:
-        """Return the alignment with a scale that can be divided by, as a reference must have."""
+    def invertible(self) -> Alignment:
+        """Return the alignment, with scale 1 where its own is too extreme to divide by."""
         usable = MIN_SCALE < self.scale < 1 / MIN_SCALE
         return self if usable else replace(self, scale=1.0)
 
@@ -166,7 +167,7 @@ class Alignment:
         """
         Return the mean squared distance [m²] of aligned and true positions.
 
-        In closed form, hence at the same cost for any number of pairs.
+        In closed form: the cost does not depend on the number of pairs.
         """
         if not moments.count:
             return math.nan
@@ -180,7 +181,7 @@ class Alignment:
 
 
 def undetermined(mode: str, why: str) -> Alignment:
-    """Return the alignment of nothing: every error under it is NaN."""
+    """Return the alignment of no pairs: every error under it is NaN."""
     scale = math.nan if mode in SCALED_MODES else 1.0
     return Alignment(mode, scale, IDENTITY, np.full(3, math.nan), why)
 
@@ -206,21 +207,23 @@ def solve(mode: str, moments: Moments, first: Pairs) -> Alignment:
     spread = [float(np.trace(s)) for s in (moments.estimate_scatter, moments.truth_scatter)]
     moves = min(spread) > MIN_EXTENT_M**2
     if mode == 'scale':
-        own = spread[0] + moments.count * float(mean_e @ mean_e)
-        both = float(np.trace(cross)) + moments.count * float(mean_e @ mean_g)
-        scale = both / own if own > 0 and both else math.nan  # a truth of zeros has no scale
+        square = spread[0] + moments.count * float(mean_e @ mean_e)
+        product = float(np.trace(cross)) + moments.count * float(mean_e @ mean_g)
+        scale = (
+            product / square if square > 0 and product else math.nan
+        )  # NaN for a truth of zeros
         return Alignment(mode, scale, IDENTITY, np.zeros(3))
     scale, why = 1.0, _why_undetermined(mode, moments)
     if mode == 'posyaw':
         yaw = math.atan2(cross[1, 0] - cross[0, 1], cross[0, 0] + cross[1, 1])
-        turn = np.array([0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)])
+        q = np.array([0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2)])
     else:
         u, d, vt = np.linalg.svd(cross)
         signs = np.array([1.0, 1.0, np.sign(np.linalg.det(u) * np.linalg.det(vt))])
-        turn = rotation.from_matrix((u * signs) @ vt)
+        q = rotation.from_matrix((u * signs) @ vt)
         if mode == 'sim3':
             scale = float(d @ signs) / spread[0] if moves else math.nan
-    return Alignment(mode, scale, turn, mean_g - scale * rotation.rotate(turn, mean_e), why)
+    return Alignment(mode, scale, q, mean_g - scale * rotation.rotate(q, mean_e), why)
 
 
 def _origin(first: Pairs) -> Alignment:
@@ -228,12 +231,12 @@ def _origin(first: Pairs) -> Alignment:
     estimate, truth = first.estimate, first.ground_truth
     if estimate.rotations is None or truth.rotations is None:
         return undetermined('origin', 'a first pose has no orientation')
-    turn = rotation.multiply(truth.rotations[0], rotation.conjugate(estimate.rotations[0]))
+    q = rotation.multiply(truth.rotations[0], rotation.conjugate(estimate.rotations[0]))
     return Alignment(
         'origin',
         1.0,
-        turn,
-        truth.positions[0] - rotation.rotate(turn, estimate.positions[0]),
+        q,
+        truth.positions[0] - rotation.rotate(q, estimate.positions[0]),
     )
 
 
@@ -251,26 +254,26 @@ def _why_undetermined(mode: str, moments: Moments) -> str:
         if longest < MIN_EXTENT_M:
             return f'the {name} stands still'
         level = math.sqrt(np.trace(scatter[:2, :2]))
-        if mode == 'posyaw' and level < COLLINEAR * longest:
+        if mode == 'posyaw' and level < COLLINEAR_RATIO * longest:
             return f'the {name} moves straight up or down'
-        if mode != 'posyaw' and second < COLLINEAR * longest:
+        if mode != 'posyaw' and second < COLLINEAR_RATIO * longest:
             return f'the {name} moves along a line'
     return ''
 
 
 class Aligner:
     """
-    Aligns a run that goes on, at a cost that does not grow with its pairs.
+    Keeps the alignment of a run up to date, at a cost that does not grow with its pairs.
 
     :param mode: one of ``ALIGNMENTS`` of the options.
-    :param first_ns: only pairs so long after the first are aligned on; 0 for all.
+    :param first_ns: fit only pairs up to this long after the first one; 0 fits all.
     """
 
     def __init__(self, mode: str, first_ns: int) -> None:
         self._mode = mode
         self._first_ns = first_ns
         self._first: Moments | None = None
-        #: of all pairs as of the last :meth:`update`
+        #: of all pairs up to the last :meth:`update`
         self.moments = Moments.empty()
         self._referenced = 0
 
@@ -278,11 +281,11 @@ class Aligner:
         """
         Take in the new pairs of a log; return the moments of all.
 
-        They are about an alignment that never is older than half of the pairs.
+        Their reference is an alignment of at least half of the pairs.
         """
         if log.count >= 2 * self._referenced and not log.dropped:
             pairs = log.all()
-            reference = solve('sim3', Moments.of(pairs), pairs[:1]).near().linear
+            reference = solve('sim3', Moments.of(pairs), pairs[:1]).invertible().linear
             self.moments, self._referenced = Moments.of(pairs, reference), len(pairs)
         else:
             new = Moments.of(log.since(self.moments.count), self.moments.reference)
@@ -295,7 +298,7 @@ class Aligner:
         return solve(self._mode, fitted, log.all()[:1])
 
     def _of_first(self, log: PairLog) -> Moments:
-        """Return the moments of the pairs that are aligned on, those of the beginning."""
+        """Return the moments of the first pairs, which alone are fitted."""
         if self._first is not None:
             return self._first
         pairs = log.evenly()

@@ -1,4 +1,4 @@
-"""Moments of rotations, from which the root mean square of their angles to another follows."""
+"""Moments of rotations: the mean squared angle to any other rotation follows from them."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from vio_eval_ros.core.rotation import conjugate, multiply
 from vio_eval_ros.core.trajectory import blocks
 
 ORDERS = 5
-# what may be left out, of the mean square
-TRUNCATION = 1e-10
+#: the share of the mean square that may be missing
+MAX_TRUNCATION = 1e-10
 ROUNDING = 1e-14
 
 
@@ -21,7 +21,8 @@ def _expansion() -> np.ndarray:
     Return the (ORDERS, 80) coefficients of θ² and its derivatives over their factorials.
 
     With c = cos(θ/2) and u = 1 - c it is θ² = 4 arccos² c = 8 Σ (2u)ⁿ / (n² C(2n, n)), n >= 1: the
-    series of arcsin². Its terms fall by half at least for u <= 1. Derivatives are by c.
+    series of arcsin². For u <= 1 each term is at most half of the one before. Derivatives
+    are with respect to c.
     """
     n = np.arange(1, 80)
     series = np.concatenate([[0.0], 8 * np.cumprod(2 * n**2 / (2 * n * (2 * n - 1))) / n**2])
@@ -38,13 +39,13 @@ EXPANSION = _expansion()
 @dataclass(frozen=True, eq=False)
 class AngleMoments:
     """
-    What is needed of N rotations to know their mean squared angle to others near a reference.
+    Sums over N rotations that give their mean squared angle to any rotation near a reference.
 
     For unit quaternions the squared angle is an analytic function of the product c = q·a, and c is
-    linear in q: with q = q₀ + d its Taylor series is Σ gₖ(q₀·a) (d·a)ᵏ, so sums of gₖ a⊗...⊗a are
-    all that is needed. Near q₀ both q and a are nearly perpendicular to d: five terms are exact to
-    ten digits for a q within a few degrees of the reference. Everything is kept as seen from q₀,
-    where small angles are small numbers.
+    linear in q. With q = q₀ + d its Taylor series is Σ gₖ(q₀·a) (d·a)ᵏ, so sums of gₖ a⊗...⊗a
+    suffice. Near q₀ both q and a are nearly perpendicular to d: five terms are exact to ten digits
+    for a q within a few degrees of the reference. All rotations are stored relative to q₀, where
+    small angles are small numbers.
 
     :param count: N.
     :param reference: (4,) unit quaternion q₀.
@@ -76,15 +77,15 @@ class AngleMoments:
         )
 
     def mean_square(self, rotation: np.ndarray) -> float:
-        """Return the mean squared angle [rad²] to a rotation; NaN of nothing."""
+        """Return the mean squared angle [rad²] to a rotation; NaN without rotations."""
         step = self._step(rotation)
         total = self.sums[-1]
         for term in self.sums[-2::-1]:
             total = total @ step + term
         return max(float(total), 0.0) / self.count if self.count else math.nan
 
-    def holds(self, rotation: np.ndarray) -> bool:
-        """Whether the rotation is so near to the reference that the mean square is exact."""
+    def is_exact_for(self, rotation: np.ndarray) -> bool:
+        """Return whether a rotation is near enough to the reference for an exact mean square."""
         step = self._step(rotation)
         length = math.sqrt(step @ step)
         if length > self.closest / 2 + ROUNDING:
@@ -92,20 +93,20 @@ class AngleMoments:
         last = self.sums[-1]
         for _ in range(ORDERS - 1):
             last = last @ step
-        # Of θ² by c, g₄ is positive and |gₖ₊₁| < |gₖ| / (1 + c), the distance to where it has a
-        # branch: what is left out is smaller than a geometric series behind the last term.
+        # In the series of θ² by c, g₄ is positive and |gₖ₊₁| < |gₖ| / (1 + c), the distance to
+        # the branch point: the remainder is smaller than a geometric series after the last term.
         ratio = length / (1 + self.closest)
-        left_out = float(last) / max(self.count, 1) * ratio / (1 - ratio)
-        return left_out <= TRUNCATION * self.mean_square(rotation)
+        remainder = float(last) / max(self.count, 1) * ratio / (1 - ratio)
+        return remainder <= MAX_TRUNCATION * self.mean_square(rotation)
 
     def _step(self, rotation: np.ndarray) -> np.ndarray:
-        """Return d, as seen from the reference."""
-        seen = _seen_from(self.reference, rotation)
-        return np.concatenate([seen[:3], [-_one_minus_cosine(seen)]])
+        """Return d, relative to the reference."""
+        relative = _relative_to(self.reference, rotation)
+        return np.concatenate([relative[:3], [-_one_minus_cosine(relative)]])
 
 
 def _of_block(rotations: np.ndarray, reference: np.ndarray) -> AngleMoments:
-    a = _seen_from(reference, rotations)
+    a = _relative_to(reference, rotations)
     u = _one_minus_cosine(a)
     weights = np.zeros((ORDERS, len(u)))
     for coefficients in EXPANSION.T[::-1]:
@@ -122,8 +123,8 @@ def _of_block(rotations: np.ndarray, reference: np.ndarray) -> AngleMoments:
     return AngleMoments(len(a), reference, sums, 1 - float(u.max(initial=0.0)))
 
 
-def _seen_from(reference: np.ndarray, rotations: np.ndarray) -> np.ndarray:
-    """Return the rotations relative to a reference, of q and -q the one with w >= 0."""
+def _relative_to(reference: np.ndarray, rotations: np.ndarray) -> np.ndarray:
+    """Return rotations relative to a reference; of q and -q, the one with w >= 0."""
     relative = multiply(conjugate(reference), rotations)
     return np.where(relative[..., 3:] < 0, -relative, relative)
 

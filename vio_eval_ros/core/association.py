@@ -1,4 +1,4 @@
-"""Two streams of poses in, pairs out, each decided once."""
+"""Association of two streams of poses: every pair is decided once."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ AFTER_ALL = np.iinfo(np.int64).max
 
 def nearest(stamps: np.ndarray, others: np.ndarray) -> np.ndarray:
     """
-    Return for each stamp the index of the nearest of ``others``; of two as near, the earlier.
+    Return for each stamp the index of the nearest of ``others``; ties go to the earlier one.
 
     :param stamps: (N,) sorted.
     :param others: (M,) sorted, M >= 1.
@@ -34,8 +34,9 @@ def nearest(stamps: np.ndarray, others: np.ndarray) -> np.ndarray:
 
 class Side:
     """
-    One side of the association: brings what arrives into shape and keeps what is still needed.
+    One side of the association: prepares arriving poses and keeps those that are still needed.
 
+    :param preparation: of its poses.
     :param gap_ns: the longest interval between poses that counts as tracking.
     """
 
@@ -53,7 +54,7 @@ class Side:
         self._preparation = preparation
 
     def receive(self, poses: Poses, horizon_ns: int) -> None:
-        """Add a batch; poses at or before the horizon come too late and are only counted."""
+        """Add a batch; poses at or before the horizon are too late and only counted."""
         newest_ns = None if self.newest_ns == BEFORE_ALL else self.newest_ns
         batch = self._preparation.apply(poses, self.counts, newest_ns)
         if len(batch) and batch.stamps_ns[0] <= max(self.newest_ns, horizon_ns):
@@ -78,7 +79,7 @@ class Side:
         return batch[~(repeated | late)]
 
     def crop(self, begin_ns: int, end_ns: int) -> None:
-        """Drop the waiting poses outside [begin, end]; they still tell how far the stream is."""
+        """Drop the waiting poses outside [begin, end]; they still count for ``newest_ns``."""
         inside = self.waiting.within(begin_ns, end_ns)
         cropped = len(self.waiting) - len(inside)
         self.counts.cropped += cropped
@@ -95,7 +96,7 @@ class Side:
         return self.intervals.add(self.waiting.stamps_ns[begin:end])
 
     def forget(self, before_ns: int) -> None:
-        """Drop all that is earlier but for one pose, which an interpolation may start from."""
+        """Drop earlier poses, except the last of them, from which an interpolation may start."""
         first = int(np.searchsorted(self.waiting.stamps_ns, before_ns)) - 1
         if first > 0:
             self.waiting = self.waiting[first:]
@@ -103,11 +104,11 @@ class Side:
 
 class Associator:
     """
-    Two streams in, pairs out, each decided exactly once.
+    Associates two streams; each pair is decided exactly once.
 
-    The *horizon* is the stamp that both streams have reached; what comes later at or before it is
-    too late. A pair is decided as soon as no pose behind the horizon could come between. Hence
-    neither the order in which the streams arrive nor the size of the batches matters.
+    The *horizon* is the stamp that both streams have reached; poses at or before it that arrive
+    later are too late. A pair is decided as soon as no pose after the horizon could separate it.
+    Hence neither the order in which the streams arrive nor the size of the batches matters.
     """
 
     def __init__(self, config: EvaluationConfig) -> None:
@@ -130,7 +131,7 @@ class Associator:
         self._slow_ns = np.empty(0, np.int64)
 
     def add_estimate(self, poses: Poses) -> None:
-        """Add a batch of the estimate, in its own clock."""
+        """Add a batch of the estimate, with stamps of its own clock."""
         self.estimate.receive(poses, self._horizon_ns)
 
     def add_ground_truth(self, poses: Poses) -> None:
@@ -142,7 +143,7 @@ class Associator:
         return self._advance(min(self.estimate.newest_ns, self.ground_truth.newest_ns))
 
     def flush(self) -> Pairs:
-        """Return the pairs that only more poses could have changed: there will be none."""
+        """Return the remaining pairs; no more poses will come."""
         return self._advance(AFTER_ALL)
 
     def coverage_ratio(self) -> float:
@@ -154,7 +155,7 @@ class Associator:
         """
         limit_ns: float = self._gap_ns
         if len(self._slow_ns) >= max(self._fast, 1):
-            # only a slow estimate (a median above a third of the gap) can need a longer limit
+            # only where the median is above a third of the gap is the limit longer than the gap
             fast_ns = np.full(self._fast, self._longest_fast_ns)
             median_ns = float(np.median(np.concatenate([fast_ns, self._slow_ns])))
             limit_ns = longest_tracked(limit_ns, median_ns)
@@ -215,7 +216,9 @@ class Associator:
             return Pairs.empty()
         if self._start_ns or self._end_ns is not None:
             if horizon_ns < self.ground_truth.first_ns:
-                return Pairs.empty()  # an earlier ground truth, from which time counts, may come
+                return (
+                    Pairs.empty()
+                )  # an earlier ground truth, the origin of start_s and end_s, may come
             if self._begin_ns is None:
                 self._begin_ns = self.ground_truth.first_ns
             if self._begin_ns != AFTER_ALL:
@@ -243,30 +246,30 @@ class Associator:
         self._difference_max_ns = max(self._difference_max_ns, int(difference.max(initial=0)))
 
     def _needed_from(self, horizon_ns: int) -> int:
-        """Return the stamp from which on poses may still matter to pairs not decided yet."""
+        """Return the stamp from which poses may still affect undecided pairs."""
         if self._config.association == 'nearest':
-            # such a pair reaches over the horizon, and its competitors are as far from it again
+            # such a pair spans the horizon, and its competitors lie within the same distance of it
             return horizon_ns - 3 * self._tolerance_ns
         stamps = self.ground_truth.waiting.stamps_ns
         passed = int(np.searchsorted(stamps, horizon_ns, side='right'))
         return int(stamps[passed - 1]) if passed else BEFORE_ALL
 
     def _crop(self, zero_ns: int) -> None:
-        """Drop what lies outside the options' start and end, relative to the first truth."""
+        """Drop poses outside ``start_s`` to ``end_s``, relative to the first ground truth."""
         begin_ns = zero_ns + self._start_ns if self._start_ns else BEFORE_ALL
         end_ns = AFTER_ALL if self._end_ns is None else zero_ns + self._end_ns
         for side in (self.estimate, self.ground_truth):
             side.crop(begin_ns, end_ns)
 
     def _nearest(self, after_ns: int, until_ns: int) -> Pairs:
-        """Return the poses that are each other's nearest, as far as the new horizon decides."""
+        """Return mutually nearest poses, as far as the new horizon decides them."""
         estimate, truth = self.estimate.waiting, self.ground_truth.waiting
         if not len(estimate) or not len(truth):
             return Pairs.empty()
         partner = nearest(estimate.stamps_ns, truth.stamps_ns)
         difference = np.abs(estimate.stamps_ns - truth.stamps_ns[partner])
         self._note_closest(difference)
-        # until here a pose could come that is nearer to one of the two
+        # up to this stamp, a pose could arrive that is nearer to one of the two
         open_ns = np.maximum(estimate.stamps_ns, truth.stamps_ns[partner]) + difference
         chosen = np.flatnonzero(
             (difference <= self._tolerance_ns) & (open_ns > after_ns) & (open_ns <= until_ns)
@@ -276,18 +279,18 @@ class Associator:
         return Pairs.of(estimate[as_slice(chosen[mutual])], truth[as_slice(candidates[mutual])])
 
     def _interpolated(self, after_ns: int, until_ns: int) -> Pairs:
-        """Return estimates with interpolated truth, as far as the new horizon decides."""
+        """Return estimates with interpolated truth, as far as the new horizon decides them."""
         estimate, truth = self.estimate.waiting, self.ground_truth.waiting
         if not len(estimate) or not len(truth):
             return Pairs.empty()
-        truth = replace(truth, covariances=None)  # nobody needs them
+        truth = replace(truth, covariances=None)  # pairs have none of the truth
         stamps = truth.stamps_ns
         self._note_closest(
             np.abs(estimate.stamps_ns - stamps[nearest(estimate.stamps_ns, stamps)])
         )
         after = np.searchsorted(stamps, estimate.stamps_ns)
         inside = after < len(stamps)
-        # until here a pose could come that is nearer to the estimate's stamp
+        # up to this stamp, a pose could arrive that is nearer to the estimate's
         open_ns = stamps[after[inside]]
         inside[inside] = (open_ns > after_ns) & (open_ns <= until_ns)
         estimate, after = estimate[inside], after[inside]
@@ -298,7 +301,7 @@ class Associator:
         return Pairs.of(estimate, between(begin, end, estimate.stamps_ns, weighted=True))
 
     def _note_closest(self, differences: np.ndarray) -> None:
-        """Remember the smallest difference seen, to be named where there are no pairs."""
+        """Remember the smallest difference, which is reported where there are no pairs."""
         closest = int(differences.min())
         if self.closest_ns is None or closest < self.closest_ns:
             self.closest_ns = closest

@@ -1,4 +1,4 @@
-"""What makes a trajectory of poses as received, and the counts of what that drops."""
+"""Cleaning: from poses as received to a trajectory, with counts of what was dropped."""
 
 from __future__ import annotations
 
@@ -19,12 +19,12 @@ REPAIRED = ('went_backwards', 'scaled_quaternion')
 @dataclass
 class Cleaning:
     """
-    What :func:`clean` and association threw away of one stream, and why.
+    What :func:`clean` and association dropped from one stream, and why.
 
-    Poses that ``went_backwards`` (stamps behind an earlier one, sorted into place) and those with
-    a ``scaled_quaternion`` (normalised, though far from unit length) were kept, all others
-    dropped; ``late`` ones arrived after their pairing was decided, ``cropped`` ones lie outside
-    ``start_s`` to ``end_s``, ``overflow`` ones waited for the other stream in vain.
+    Poses that ``went_backwards`` (older than one before them; sorted) and those with a
+    ``scaled_quaternion`` (far from unit length; normalised) were kept, all others dropped.
+    ``late`` ones arrived after their pairs were decided, ``cropped`` ones lie outside ``start_s``
+    to ``end_s``, ``overflow`` ones were the oldest of too many that waited for the other stream.
     """
 
     non_finite: int = 0
@@ -70,7 +70,7 @@ class Cleaning:
 
 def clean(poses: Poses, counts: Cleaning, newest_ns: int | None = None) -> Trajectory:
     """
-    Return the usable poses in order of their stamps; add what was wrong to ``counts``.
+    Return the usable poses in order of their stamps; add problems to ``counts``.
 
     Rows with a non-finite number (or one so large that its square is not finite), an unset stamp
     or a quaternion of length zero are dropped, other quaternions normalised; of equal stamps the
@@ -80,7 +80,7 @@ def clean(poses: Poses, counts: Cleaning, newest_ns: int | None = None) -> Traje
     """
     keep = np.ones(len(poses), bool)
     for column in (poses.positions, poses.rotations):
-        # almost always all is well, which is faster to find out for the whole than for each row
+        # nearly always all are, which is faster to find out at once than for each row
         if column is not None and not np.abs(column).max(initial=0) < LARGEST:
             keep &= (np.abs(column) < LARGEST).all(axis=1)
     counts.non_finite += len(poses) - int(np.count_nonzero(keep))
@@ -105,7 +105,7 @@ def clean(poses: Poses, counts: Cleaning, newest_ns: int | None = None) -> Traje
 
 
 def _in_order(poses: Trajectory, counts: Cleaning, newest_ns: int | None) -> Trajectory:
-    """Return the poses sorted by stamp, the first of equal ones."""
+    """Return the poses sorted by stamp; of equal stamps, the first."""
     stamps = poses.stamps_ns
     if not len(stamps):
         return poses

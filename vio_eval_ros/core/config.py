@@ -21,8 +21,8 @@ ALIGNMENTS = ('none', 'origin', 'scale', 'posyaw', 'se3', 'sim3')
 RPE_PAIRS = ('all', 'sequential')
 Kind = TypeVar('Kind', bound='Options')
 
-LONGEST_LEVER_M = 1e6
-MAX_SECONDS = 4e9  # int64 nanoseconds hold today's time and this
+MAX_LEVER_M = 1e6
+MAX_SECONDS = 4e9  # added to today's time, it still fits into int64 nanoseconds
 DELTA_UNITS = {'f': 'frames', 's': 'seconds', 'm': 'metres', 'd': 'degrees'}
 
 
@@ -38,8 +38,8 @@ class Delta(NamedTuple):
         match = re.fullmatch(r'(\d+(?:\.\d*)?|\.\d+)([a-z])', text)
         if not match or match[2] not in DELTA_UNITS or not 1e-9 <= float(match[1]) <= 1e9:
             raise ConfigError(
-                f"'{text}' is no delta; write a number, without exponent, and f (frames), "
-                's (seconds), m (metres) or d (degrees), such as 1f, 0.5s or 10m'
+                f"'{text}' is not a valid delta; write a number without exponent and its unit: "
+                'f (frames), s (seconds), m (metres) or d (degrees), such as 1f, 0.5s or 10m'
             )
         # as many decimals as its name has
         delta = cls(round(float(match[1]), 9), match[2])
@@ -55,7 +55,7 @@ class Delta(NamedTuple):
 def option(
     default: Any, description: str, choices: tuple[str, ...] = (), minimum: float | None = None
 ) -> Any:
-    """Return the field of an option, with what describes and limits it."""
+    """Return the field of an option, with its description and limits."""
     metadata = {'description': description, 'choices': choices, 'minimum': minimum}
     if isinstance(default, tuple):
         return field(default_factory=lambda: default, metadata=metadata)
@@ -63,10 +63,10 @@ def option(
 
 
 class Options:
-    """A frozen dataclass of options: brings values to their types and rejects what is wrong."""
+    """A frozen dataclass of options, which converts values to their types and rejects bad ones."""
 
     def __post_init__(self) -> None:
-        """Bring every value to its type, and reject what is out of range."""
+        """Convert every value to its type, and reject what is out of range."""
         for item in fields(self):  # type: ignore[arg-type]
             value = _typed(item.name, getattr(self, item.name), item.type)
             object.__setattr__(self, item.name, value)
@@ -91,12 +91,12 @@ class Options:
 
 @dataclass(frozen=True)
 class EvaluationConfig(Options):
-    """How an estimate is compared with ground truth; ``ConfigError`` where it makes no sense."""
+    """How an estimate is compared with ground truth; ``ConfigError`` for values without sense."""
 
     association: str = option(
         'nearest',
-        'how stamps are matched: the nearest pose of each other, or ground truth '
-        'interpolated at every estimate',
+        'how stamps are matched: mutually nearest poses, or ground truth interpolated at '
+        'every estimate',
         ASSOCIATIONS,
     )
     max_difference_s: float = option(
@@ -110,8 +110,7 @@ class EvaluationConfig(Options):
     time_offset_s: float = option(0.0, 'added to the stamps of the estimate')
     alignment: str = option(
         'se3',
-        'which part of the difference between the two worlds is taken out before the '
-        'absolute error',
+        'which difference between the two worlds is removed before the absolute error',
         ALIGNMENTS,
     )
     align_first_s: float = option(
@@ -123,7 +122,9 @@ class EvaluationConfig(Options):
         's seconds, m metres, d degrees',
     )
     rpe_pairs: str = option(
-        'all', 'relative errors start at every pose, or each where the one before ended', RPE_PAIRS
+        'all',
+        'relative errors start at every pose, or each where the previous one ended',
+        RPE_PAIRS,
     )
     segment_lengths_m: tuple[float, ...] = option(
         (), 'lengths of ground-truth path over which drift is given in percent'
@@ -162,7 +163,7 @@ class EvaluationConfig(Options):
             if (
                 len(pose) != 7
                 or abs(math.hypot(*pose[3:]) - 1) > 1e-2
-                or max(map(abs, pose)) > LONGEST_LEVER_M
+                or max(map(abs, pose)) > MAX_LEVER_M
             ):
                 raise ConfigError(
                     f'{name}: give x y z qx qy qz qw with a unit quaternion, '
@@ -194,7 +195,7 @@ def nearest_name(name: str, known: Any) -> str:
 
 
 def _shown(value: Any) -> str:
-    """Return a value as an error shows it, cut where it is long."""
+    """Return a value as an error shows it, truncated where it is long."""
     if not isinstance(value, (str, int, float)):
         return 'a list' if isinstance(value, (list, tuple)) else 'nothing or a mapping'
     text = f"'{value}'"
@@ -202,7 +203,7 @@ def _shown(value: Any) -> str:
 
 
 def _typed(name: str, value: Any, kind: Any) -> Any:
-    """Return the value as what the annotation ``kind`` of the option says."""
+    """Return the value as the type that the annotation ``kind`` of the option names."""
     if kind == 'str':
         if isinstance(value, str):
             return value
@@ -235,5 +236,5 @@ def _number(name: str, value: Any) -> float:
     if math.isnan(number) or (math.isinf(number) and (name != 'end_s' or number < 0)):
         raise ConfigError(f'{name}: {_shown(value)} is not a finite number')
     if name.endswith('_s') and math.isfinite(number) and abs(number) > MAX_SECONDS:
-        raise ConfigError(f'{name}: {number:g} s is more than a clock can be off')
+        raise ConfigError(f'{name}: {number:g} s is more than clocks can differ')
     return number

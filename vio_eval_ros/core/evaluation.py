@@ -1,12 +1,12 @@
 """
-The evaluation: batches of poses in, a Summary out. Start reading here.
+The evaluation: from batches of poses to a Summary. Start reading here.
 
 Live node, ``replay`` and ``score`` all drive this one class::
 
     evaluation = Evaluation(EvaluationConfig(alignment='se3'))
-    evaluation.add_ground_truth(poses)      # any order, any batch size: the same pairs
+    evaluation.add_ground_truth(poses)      # order and batch size do not matter
     evaluation.add_estimate(poses)
-    evaluation.running()                    # at any moment, cheap: RMSE so far
+    evaluation.running()                    # at any time, cheap: RMSE so far
     evaluation.flush()                      # no more poses will come
     evaluation.summary()                    # everything, in one pass over the pairs
 """
@@ -60,7 +60,9 @@ class Evaluation:
     def __init__(self, config: EvaluationConfig, max_pairs: int | None = None) -> None:
         self.config = config
         self.associator = Associator(config)
-        self._log = PairLog(2 * (max_pairs or 0))  # it is a little longer before it is thinned
+        self._log = PairLog(
+            2 * (max_pairs or 0)
+        )  # it grows beyond the limit before it is downsampled
         self._max_pairs = max_pairs
         self._metrics = [metric(config) for metric in METRICS.values()]
         self._aligner = Aligner(config.alignment, nanoseconds(config.align_first_s))
@@ -74,36 +76,36 @@ class Evaluation:
         self.associator.add_ground_truth(poses)
 
     def flush(self) -> None:
-        """Decide what only more poses could have changed: the streams have ended."""
+        """Decide the remaining pairs: the streams have ended."""
         self._log.append(self.associator.flush())
 
     def running(self) -> dict[str, float]:
         """
         Return the running values over the pairs so far.
 
-        Each call takes in the pairs since the one before. Equal to those of :meth:`summary` to
-        1e-9 relative, unless a few poses are off by a million times the others' errors.
+        Each call takes in the pairs since the last one. They equal those of :meth:`summary` to
+        1e-9 relative, unless errors of a few poses are a million times as large as the others.
         """
         alignment = self.alignment()
         values = {'pairs': self._log.count} | self._running(
             self._observed(self._log, self._aligner.moments, alignment)
         )
         if self._max_pairs is not None:
-            self._log.thin(self._max_pairs)  # now that every pair was taken in
+            self._log.downsample(self._max_pairs)  # running values have taken in every pair
         return values
 
     def aligned(self) -> tuple[Pairs, Alignment]:
-        """Return the pairs, evenly over the run so far, and the alignment of all."""
+        """Return pairs, evenly over the run so far, and the alignment of all."""
         alignment = self.alignment()
         return self._log.evenly(), alignment
 
     def alignment(self) -> Alignment:
-        """Take in what the poses so far decide; return the alignment of all pairs."""
+        """Take in the pairs that are decided by now; return the alignment of all."""
         self._log.append(self.associator.decide())
         return self._aligner.solve(self._log, self._aligner.update(self._log))
 
     def since(self, index: int) -> Pairs:
-        """Return the pairs from this one on, counted over the run, as far as none is missing."""
+        """Return the pairs from an index of the run on, as far as none is missing."""
         return self._log.since(index)
 
     def window(self, seconds: float) -> dict[str, float]:
@@ -117,7 +119,7 @@ class Evaluation:
         metrics: dict[str, float] = {}
         for metric in self._metrics:
             metrics |= metric.final(observed).values
-        # what was not paired is counted for the whole run only
+        # unpaired poses are counted over the whole run only
         return metrics | {'coverage_ratio': math.nan, 'matched_ratio': math.nan}
 
     def summary(self, causal: Mapping[str, float] | None = None) -> Summary:
@@ -170,7 +172,7 @@ class Evaluation:
         return values
 
     def _warnings(self, pairs: Pairs, alignment: Alignment) -> Iterator[str]:
-        """Yield what the number of pairs and the motion say against the numbers."""
+        """Yield why the motion or the number of pairs makes numbers unreliable."""
         if len(pairs) and not alignment.observable:
             yield (
                 f'{alignment.undetermined}: the rotation of the {alignment.mode} alignment is not '
@@ -180,9 +182,9 @@ class Evaluation:
             yield f'only {len(pairs)} pair{"s" * (len(pairs) != 1)}: the numbers mean little'
         if self._log.dropped:
             yield (
-                f'{self._log.count} pairs, more than max_pairs: rmse, pairs, path and ratios are '
-                f'of all, relative errors and segments of the newest {len(self.since(0))}, all '
-                f'else of {len(pairs)}'
+                f'{self._log.count} pairs, more than max_pairs: rmse, counts, path and ratios are '
+                f'over all of them, relative errors and segments over the newest '
+                f'{len(self.since(0))}, everything else over {len(pairs)} of the whole run'
             )
 
 

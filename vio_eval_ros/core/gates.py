@@ -16,9 +16,9 @@ SEVERITIES = ('fail', 'warn')
 
 class Gate(NamedTuple):
     """
-    A metric and the limit that it must keep: ``<=`` a ceiling or ``>=`` a floor.
+    A metric and its limit, a ceiling (``<=``) or a floor (``>=``).
 
-    :param severity: whether a value beyond the limit fails the run, or is only pointed out.
+    :param severity: ``fail`` or ``warn``: what a value beyond the limit does.
     """
 
     metric: str
@@ -44,12 +44,12 @@ class Gate(NamedTuple):
 
     @classmethod
     def of(cls, metric: str, bounds: Any) -> list[Gate]:
-        """Return the gates on one metric; ``warn`` is a limit in the direction of the other."""
+        """Return the gates on one metric; ``warn`` is a ceiling or a floor as the other is."""
         known = {*LIMITS, 'warn'}
         if not isinstance(bounds, Mapping) or not bounds or not bounds.keys() <= known:
             raise ConfigError(
                 f'gate {metric}: give its limits as {{max: number}}, {{min: number}} or both, and '
-                'warn: number beside one of them'
+                'warn: number beside only one of them'
             )
         gates = [
             cls(metric, LIMITS[bound], _limit(metric, limit))
@@ -58,17 +58,19 @@ class Gate(NamedTuple):
         ]
         if 'warn' in bounds:
             if len(gates) != 1:
-                raise ConfigError(f'gate {metric}: warn goes with either max or min')
+                raise ConfigError(
+                    f'gate {metric}: warn needs either max or min beside it, not both'
+                )
             warning = gates[0]._replace(limit=_limit(metric, bounds['warn']), severity='warn')
             if not gates[0].passes(warning.limit):
                 raise ConfigError(
-                    f'gate {metric}: beyond warn: {warning.limit:g} it would have failed already'
+                    f'gate {metric}: warn: {warning.limit:g} is beyond the limit that fails a run'
                 )
             gates.append(warning)
         return gates
 
     def passes(self, value: float) -> bool:
-        """Return whether a value keeps the limit; NaN never does."""
+        """Return whether a value is within the limit; NaN never is."""
         return value <= self.limit if self.comparison == '<=' else value >= self.limit
 
     def __str__(self) -> str:
@@ -125,5 +127,5 @@ def _limit(metric: str, value: Any) -> float:
     except (TypeError, ValueError, OverflowError):
         limit = math.nan
     if not math.isfinite(limit):
-        raise ConfigError(f"gate {metric}: '{value}' is no finite number")
+        raise ConfigError(f"gate {metric}: '{value}' is not a finite number")
     return limit

@@ -87,7 +87,7 @@ class Ate(Metric):
         )
 
     def _rotation_rmse(self, observed: Observations) -> float:
-        """Return the RMSE of angles; their moments are taken anew where R has changed too much."""
+        """Return the RMSE of angles; where R has moved too far, from moments about the new R."""
         aligned, log = observed.alignment.rotation, observed.log
         if not observed.pairs.oriented:
             return math.nan
@@ -98,7 +98,7 @@ class Ate(Metric):
         self._angles = known
         if not observed.alignment.observable:
             return math.nan
-        if not known.holds(aligned):
+        if not known.is_exact_for(aligned):
             if log.dropped:  # too far from where the moments were taken, and few pairs are left
                 return root_mean_square(rotation_errors(observed.sample, observed.alignment))
             rotations = observed.pairs.rotations
@@ -193,7 +193,9 @@ class RunningRpe:
         found = candidates(along, self._delta, self._mode, self._mark)
         # no pair to come can be nearer to a place that has been reached; the rest may change
         decided = int(np.searchsorted(found.target, along[-1], side='right')) if len(along) else 0
-        reference = observed.alignment.near() if self._moments is None else self._moments.reference
+        reference = (
+            observed.alignment.invertible() if self._moments is None else self._moments.reference
+        )
         parts = []
         for usable in (
             found.usable[:decided].nonzero()[0],

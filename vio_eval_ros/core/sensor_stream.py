@@ -8,16 +8,17 @@ from typing import NamedTuple
 
 import numpy as np
 
-# Larger numbers of an IMU or a pose are none: bytes that are something else
+#: larger values cannot be measurements of an IMU or poses; they come from misread bytes
 LARGEST = 1e12
-# Of what happens more often, the first times are told
-MOST_MOMENTS = 200
-# Simulated time begins with 0, and the message behind it follows within so many periods
-SOON = 5.0
+#: at most this many occurrences are listed
+MAX_MOMENTS = 200
+#: simulated time begins with 0: that is a stamp if the next message follows within this many
+#: periods
+MAX_FIRST_PERIODS = 5.0
 
 
 class Moment(NamedTuple):
-    """From when to when something was so: by the stamps, and by the clock of the recorder."""
+    """An interval, by the stamps and by the clock of the recorder."""
 
     begin_ns: int
     end_ns: int
@@ -32,14 +33,13 @@ class SensorStream:
 
     :param msgtype: as ROS 2 spells it.
     :param kind: what is in it, one of camera, imu, pose and other.
-    :param logged_ns: (N,) int64 nanoseconds, when each was recorded; None where that is not
-        known.
+    :param logged_ns: (N,) int64 nanoseconds, when each was recorded; None where unknown.
     :param stamps_ns: (N,) int64 nanoseconds, of their headers; None where they have none.
     :param frames: how many messages name each frame.
     :param numbers: (N, 6) of an IMU, rad/s and m/s²; (N, 3) or (N, 7) of poses, x y z in metres
-        and quaternions x y z w; None of others.
-    :param lacks: which of ``gyroscope`` and ``accelerometer`` an IMU says that it does not have;
-        its numbers are zero.
+        and quaternions x y z w; None for other kinds.
+    :param lacks: which of ``gyroscope`` and ``accelerometer`` an IMU declares that it does not
+        have; those numbers are zero.
     """
 
     topic: str
@@ -56,39 +56,39 @@ class SensorStream:
 
     @property
     def times_ns(self) -> np.ndarray:
-        """(N,) int64 nanoseconds: the stamps, or where there are none when they were recorded."""
+        """(N,) int64 nanoseconds: the stamps, or without stamps when they were recorded."""
         times = self.logged_ns if self.stamps_ns is None else self.stamps_ns
         assert times is not None
         return times
 
     @property
     def arrivals_ns(self) -> np.ndarray:
-        """(N,) int64 nanoseconds: when they were recorded, or where not known the stamps."""
+        """(N,) int64 nanoseconds: when they were recorded, or the stamps where that is unknown."""
         return self.times_ns if self.logged_ns is None else self.logged_ns
 
     @property
     def is_sensor(self) -> bool:
-        """Whether a VIO takes it for input."""
+        """Whether it is an input of a VIO."""
         return self.kind in ('camera', 'imu')
 
     @property
     def is_usable(self) -> np.ndarray:
-        """(N,) whether all numbers of a message are finite, and of a size that something has."""
+        """(N,) whether all numbers of a message are finite and not absurdly large."""
         assert self.numbers is not None
         return (np.abs(self.numbers) < LARGEST).all(axis=1)
 
     @property
     def is_stamped(self) -> np.ndarray:
-        """(N,) whether a message has a stamp: zero is none, but where a simulation begins."""
+        """(N,) whether a message has a stamp: 0 is not one, unless a simulation begins there."""
         assert self.stamps_ns is not None
         known = self.stamps_ns != 0
         later = self.stamps_ns[1:]
         if len(later) > 1 and not known[0] and later[0] > 0:
-            known[0] = later[0] <= SOON * lower_median(np.abs(np.diff(later)))
+            known[0] = later[0] <= MAX_FIRST_PERIODS * lower_median(np.abs(np.diff(later)))
         return known
 
     def stamped(self) -> SensorStream:
-        """Return the messages that have a stamp; all, without stamps, where none has one."""
+        """Return the messages that have a stamp; if none has one, all without stamps."""
         if self.stamps_ns is None:
             return self
         known = self.is_stamped
@@ -104,29 +104,29 @@ class SensorStream:
         )
 
     def moment(self, first: int, last: int) -> Moment:
-        """Return the time from one message to another."""
+        """Return the interval from one message to another."""
         ends = (first, last)
         begin_ns, end_ns = sorted(int(self.times_ns[k]) for k in ends)
         logged_ns, logged_end_ns = sorted(int(self.arrivals_ns[k]) for k in ends)
         return Moment(begin_ns, end_ns, logged_ns, logged_end_ns)
 
     def moments(self, first: np.ndarray, last: np.ndarray) -> tuple[Moment, ...]:
-        """Return the times from some messages to others, the first ones of many."""
-        pairs = zip(first[:MOST_MOMENTS].tolist(), last[:MOST_MOMENTS].tolist(), strict=True)
+        """Return the intervals between pairs of messages, at most MAX_MOMENTS of them."""
+        pairs = zip(first[:MAX_MOMENTS].tolist(), last[:MAX_MOMENTS].tolist(), strict=True)
         return tuple(self.moment(*pair) for pair in pairs)
 
 
 def runs(is_so: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where each run of true values begins and the index behind its end."""
+    """Return the first index of each run of true values, and one past its last."""
     edges = np.diff(np.concatenate([[0], is_so.astype(np.int8), [0]]))
     return np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)
 
 
 def lower_median(values: np.ndarray) -> float:
-    """Return the value that half of the others reach: one of them, not what is between two."""
+    """Return the median; of an even number of values the lower of the middle two."""
     return float(np.quantile(values, 0.5, method='lower'))
 
 
 def spread(values: np.ndarray) -> float:
-    """Return the standard deviation that most of the values have, by their median deviation."""
+    """Return a robust standard deviation, from the median absolute deviation."""
     return 1.4826 * float(np.median(np.abs(values - np.median(values))))

@@ -11,7 +11,7 @@ STATISTICS = ('rmse', 'mean', 'median', 'std', 'min', 'max', 'p95')
 
 
 def root_mean_square(errors: np.ndarray) -> float:
-    """Return the root of the mean square; NaN of nothing."""
+    """Return the root of the mean square; NaN of no errors."""
     return math.sqrt(float(errors @ errors) / len(errors)) if len(errors) else math.nan
 
 
@@ -37,7 +37,7 @@ def statistics(errors: np.ndarray) -> dict[str, float]:
 
 
 def _quantiles(errors: np.ndarray, fractions: tuple[float, ...]) -> list[float]:
-    """Return what np.quantile does, which takes longer to import than this to compute."""
+    """Return what np.quantile gives, which takes longer to import than this to compute."""
     places = [fraction * (len(errors) - 1) for fraction in fractions]
     lower = [int(place) for place in places]
     upper = [min(index + 1, len(errors) - 1) for index in lower]
@@ -49,7 +49,7 @@ def _quantiles(errors: np.ndarray, fractions: tuple[float, ...]) -> list[float]:
 
 
 def without_nan(value: Any) -> Any:
-    """Return the same, for JSON, with None in place of what is no finite number."""
+    """Return a value for JSON, with None in place of numbers that are not finite."""
     if isinstance(value, float):
         return value if math.isfinite(value) else None
     if isinstance(value, dict):

@@ -15,25 +15,26 @@ from vio_eval_ros.core import rotation
 Columns = TypeVar('Columns', bound='Poses')
 
 BLOCK_ROWS = 1 << 13
-MOST_SET_ASIDE = 1 << 22
-SINGULAR = 1e-12
+MAX_RESERVED_PAIRS = 1 << 22
+#: smallest over largest eigenvalue, below which a covariance is singular
+MIN_EIGENVALUE_RATIO = 1e-12
 COLUMNS = ('stamps_ns', 'positions', 'rotations', 'covariances')
 
 
 def blocks(count: int) -> Iterator[slice]:
-    """Yield slices that cut ``count`` rows into pieces whose temporaries fit into a cache."""
+    """Yield slices of ``count`` rows, so small that temporary arrays fit into a cache."""
     return (slice(start, start + BLOCK_ROWS) for start in range(0, count, BLOCK_ROWS))
 
 
 def as_slice(index: np.ndarray) -> np.ndarray | slice:
-    """Return indices as a slice where each is one more than the last: rows that need no copy."""
+    """Return consecutive indices as a slice, which selects rows without a copy; others as is."""
     if len(index) and index[-1] - index[0] + 1 == len(index) and (np.diff(index) == 1).all():
         return slice(int(index[0]), int(index[-1]) + 1)
     return index
 
 
 def rows(column: np.ndarray, index: np.ndarray | slice) -> np.ndarray:
-    """Return some rows of a column; ``take`` gathers several times faster than indexing does."""
+    """Return some rows of a column; ``take`` is several times faster than indexing."""
     return column[index] if isinstance(index, slice) else column.take(index, axis=0)
 
 
@@ -42,8 +43,9 @@ class Poses:
     """
     Poses of a body in a world frame, in columns, in the order in which they arrived.
 
-    Nothing is promised of the values: stamps may repeat or go backwards, numbers may be NaN,
-    quaternions need not have unit length. :func:`clean` makes a :class:`Trajectory` of them.
+    The values may be anything: stamps may repeat or go backwards, numbers may be NaN, quaternions
+    need not have unit length. :func:`~vio_eval_ros.core.cleaning.clean` makes a
+    :class:`Trajectory` of them.
 
     :param stamps_ns: (N,) int64 nanoseconds.
     :param positions: (N, 3) float64 metres, world frame.
@@ -77,9 +79,9 @@ class Poses:
     @classmethod
     def concatenate(cls: type[Columns], parts: Sequence[Columns]) -> Columns:
         """
-        Return all parts in one.
+        Return all parts as one.
 
-        Without the rotations that any non-empty part lacks; covariances are NaN where unknown.
+        Where a non-empty part has no rotations, there are none; unknown covariances are NaN.
         """
         parts = [part for part in parts if len(part)] or list(parts[:1])
         if len(parts) == 1:
@@ -113,7 +115,7 @@ class Trajectory(Poses):
 
     @classmethod
     def empty(cls) -> Trajectory:
-        """Return a trajectory without poses, to which any other can be joined."""
+        """Return a trajectory without poses."""
         return cls(np.empty(0, np.int64), np.empty((0, 3)), np.empty((0, 4)))
 
     def within(self, begin_ns: int, end_ns: int) -> Trajectory:
@@ -131,7 +133,7 @@ class Pairs:
     :param ground_truth: N poses; where they were interpolated, at the estimate's stamps.
     :param deviations: (N, 2, 6) float32, the lower triangles L of the estimate's covariances L Lᵀ
         (position, orientation), to seven digits; NaN where one is not positive definite, None
-        where there are none. The trajectories have no covariances any more.
+        where there are none. The trajectories of pairs have no covariances.
     """
 
     estimate: Trajectory
@@ -187,7 +189,7 @@ def _deviations(covariances: np.ndarray) -> np.ndarray:
     deviations = np.full((*covariances.shape[:2], 6), np.nan, np.float32)
     usable = np.isfinite(covariances).all(axis=(2, 3))
     variances = np.linalg.eigvalsh(covariances[usable])
-    usable[usable] = variances[:, 0] > SINGULAR * variances[:, 2]
+    usable[usable] = variances[:, 0] > MIN_EIGENVALUE_RATIO * variances[:, 2]
     row, column = np.tril_indices(3)
     deviations[usable] = np.linalg.cholesky(covariances[usable])[:, row, column]
     return deviations
@@ -197,15 +199,15 @@ class PairLog:
     """
     The pairs of a run, appended in batches; reading them copies nothing.
 
-    All are kept until :meth:`thin` is called. ``count`` pairs were appended; of those from
-    ``first_of_all`` on none is missing.
+    All are kept until :meth:`downsample` is called. ``count`` pairs were appended; from index
+    ``first_of_all`` on, none is missing.
 
-    :param capacity: for how many pairs addresses are set aside at once. Memory is taken as they
-        are filled, and no more of it than that: growing in steps would leave holes behind.
+    :param capacity: for how many pairs addresses are reserved at once. Memory is used only as
+        they are filled; growing in steps would fragment it.
     """
 
     def __init__(self, capacity: int = 0) -> None:
-        self._capacity = min(capacity, MOST_SET_ASIDE)
+        self._capacity = min(capacity, MAX_RESERVED_PAIRS)
         self.count = 0
         self.first_of_all = 0
         self._kept = 0
@@ -217,7 +219,7 @@ class PairLog:
         return copy.copy(self)
 
     def append(self, pairs: Pairs) -> None:
-        """Add pairs at the end; rotations that they lack are lost for all."""
+        """Add pairs at the end; where they have no rotations, all lose theirs."""
         if not len(pairs):
             return
         if self._kept:
@@ -225,9 +227,11 @@ class PairLog:
             if deviations is None and pairs.deviations is not None:
                 deviations = self._pairs.deviations_or_nan()
             self._pairs = Pairs(
-                self._longer(self._pairs.estimate, pairs.estimate),
-                self._longer(self._pairs.ground_truth, pairs.ground_truth),
-                None if deviations is None else self._grown(deviations, pairs.deviations_or_nan()),
+                self._extended(self._pairs.estimate, pairs.estimate),
+                self._extended(self._pairs.ground_truth, pairs.ground_truth),
+                None
+                if deviations is None
+                else self._appended(deviations, pairs.deviations_or_nan()),
             )
         else:
             self._pairs = pairs
@@ -236,7 +240,7 @@ class PairLog:
 
     @property
     def dropped(self) -> int:
-        """How many pairs are not kept any more."""
+        """How many pairs are no longer kept."""
         return self.count - self._kept
 
     def all(self) -> Pairs:
@@ -244,7 +248,7 @@ class PairLog:
         return self._pairs[: self._kept]
 
     def evenly(self) -> Pairs:
-        """Return those of the pairs kept that are spread evenly over the run."""
+        """Return kept pairs that are spread evenly over the run."""
         if self._stride == 1:
             return self.all()
         old = self.first_of_all - self.dropped
@@ -253,15 +257,15 @@ class PairLog:
         return self.all()[np.concatenate([np.arange(old), even])]
 
     def since(self, index: int) -> Pairs:
-        """Return the pairs from this one on, counted over the run, as far as none is missing."""
+        """Return the pairs from an index of the run on, as far as none is missing."""
         return self._pairs[max(index, self.first_of_all) - self.dropped : self._kept]
 
-    def thin(self, limit: int) -> None:
+    def downsample(self, limit: int) -> None:
         """
         Keep no more pairs than a limit.
 
-        Where there are more, the newest half of what it allows stays as it is, and of the others
-        every so manieth, evenly over the run and the first of all among them.
+        Where there are more, the newest limit / 2 of them stay, and of the older ones every k-th,
+        evenly over the run and beginning with the first.
         """
         if self._kept <= limit:
             return
@@ -276,15 +280,15 @@ class PairLog:
         self._pairs = self.all()[keep]
         self._kept = len(self._pairs)
 
-    def _longer(self, trajectory: Trajectory, new: Trajectory) -> Trajectory:
+    def _extended(self, trajectory: Trajectory, new: Trajectory) -> Trajectory:
         return Trajectory(
-            self._grown(trajectory.stamps_ns, new.stamps_ns),
-            self._grown(trajectory.positions, new.positions),
-            self._grown(trajectory.rotations, new.rotations),
+            self._appended(trajectory.stamps_ns, new.stamps_ns),
+            self._appended(trajectory.positions, new.positions),
+            self._appended(trajectory.rotations, new.rotations),
         )
 
-    def _grown(self, column: Any, new: np.ndarray | None) -> Any:
-        """Return the column with the new rows, in a buffer that doubles when it is full."""
+    def _appended(self, column: Any, new: np.ndarray | None) -> Any:
+        """Return the column and the new rows, in a buffer that doubles when it is full."""
         if column is None or new is None:
             return None
         end = self._kept + len(new)

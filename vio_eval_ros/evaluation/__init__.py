@@ -1,1 +1,1 @@
-"""One recorded run: poses of two sources in, a result out."""
+"""Evaluation of a run, and its result."""

@@ -1,4 +1,4 @@
-"""One recorded run: poses of two sources in, a result out."""
+"""Evaluation of one recorded run: from two sources of poses to a result."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from vio_eval_ros.errors import NoPairs
 from vio_eval_ros.evaluation.result import Input, Result
 from vio_eval_ros.recordings.sources import Source
 
-#: poses of the ground truth that are kept to draw it
-MOST_OUTLINED = 2000
+#: poses of the ground truth that a result keeps for drawing it
+MAX_OUTLINE_POSES = 2000
 
 
 def score_run(
@@ -30,10 +30,10 @@ def score_run(
     hashed: bool = True,
 ) -> Result:
     """
-    Return what an estimate is worth, held against the ground truth.
+    Return how an estimate compares with the ground truth.
 
-    :param hashed: whether to hash the files, which only some reports show.
-    :raises NoPairs: where the two share no instant; the message says why.
+    :param hashed: whether to hash the files; only some reports show it.
+    :raises NoPairs: no two stamps match; the message says why.
     """
     evaluation = _evaluated(config, estimate.poses, truth.poses)
     causal = None
@@ -70,7 +70,7 @@ def score_run(
 
 
 def _are_same(one: Poses, other: Poses) -> bool:
-    """Return whether two sources have the same positions, whatever they are called."""
+    """Return whether two sources have the same stamps and positions, whatever their names."""
     return np.array_equal(one.stamps_ns, other.stamps_ns) and np.array_equal(
         one.positions, other.positions
     )
@@ -86,8 +86,8 @@ def _evaluated(config: EvaluationConfig, estimate: Poses, truth: Poses) -> Evalu
 
 
 def _outline(config: EvaluationConfig, truth: Source, used: Side) -> Trajectory:
-    """Return some positions of the body, evenly over the ground truth that was used."""
-    count = min(len(truth.poses), MOST_OUTLINED)
+    """Return positions of the body, evenly over the ground truth that was used."""
+    count = min(len(truth.poses), MAX_OUTLINE_POSES)
     chosen = np.linspace(0, len(truth.poses) - 1, count).round().astype(int)
     outline = Preparation.of_ground_truth(config).apply(truth.poses[chosen])
     outline = outline.within(used.first_used_ns, used.last_used_ns)

@@ -1,4 +1,4 @@
-"""The result of one run, from which every report is made."""
+"""The result of one run, from which all reports are made."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.version import __version__
 
 SCHEMA = 'vio_eval_ros.result/1'
-#: what a run must keep to be a success: it covers enough, and did not diverge
+#: a run is a success if it covers enough of the ground truth and did not diverge
 SUCCESS_GATES = (Gate('coverage_ratio', '>=', 0.9), Gate('ate_extent_ratio', '<=', 0.5))
 
 
@@ -101,11 +101,11 @@ class Input:
 @dataclass(frozen=True, eq=False)
 class Result:
     """
-    What was compared, how, what came out, and whether it is good enough.
+    What was compared and how, what was measured, and whether it passed the gates.
 
     :param series: stamp [ns] and running values of each second, for the reports that show them.
-    :param truth: some positions of the ground truth, evenly over the run, to draw it also where it
-        has no pairs.
+    :param truth: positions of the ground truth, evenly over the run, to draw it also where there
+        are no pairs.
     """
 
     estimate: Input

@@ -21,7 +21,7 @@ from vio_eval_ros.core.association import Side
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation, Summary
 from vio_eval_ros.core.gates import Gate, judge
-from vio_eval_ros.core.series import MOST_WAITING, RunningSeries
+from vio_eval_ros.core.series import MAX_WAITING_PER_PAIR, RunningSeries
 from vio_eval_ros.core.steps import step_lengths
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ReadError, WriteError
@@ -88,7 +88,7 @@ class LiveRun:
         self._revisions: PathRevisions | None = None
         # needed once more for an estimate that is revised; None when it is known not to be
         self._true_poses: list[Poses] | None = []
-        self._most_true = MOST_WAITING * setup.max_pairs if setup.max_pairs else 0
+        self._most_true = MAX_WAITING_PER_PAIR * setup.max_pairs if setup.max_pairs else 0
         self._given_up = 0
         if setup.truth is not None:
             self._series.add_ground_truth(setup.truth.poses, waits=False)
