@@ -406,7 +406,6 @@ def test_tags_and_settings_choose_what_is_scored(flights, tmp_path):
     )
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ('arguments', 'problem'),
     [

@@ -13,7 +13,7 @@ from vio_eval_ros.imu.simulated_noise import EUROC
 from vio_eval_ros.recordings.imu import read_imu
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.simulation import at_rest, simulate, SimulatedRun, write_recording
-from vio_eval_ros.simulation.formats import kind_of, KINDS
+from vio_eval_ros.simulation.formats import format_of, FORMATS
 
 RUN = simulate(duration_s=2, imu_noise=EUROC)
 SPECS = {
@@ -26,7 +26,7 @@ DIGITS = {'tum': 1e-9, 'euroc': 1e-9}
 
 
 def written(run: SimulatedRun, folder: Path, kind: str) -> Path:
-    path = folder / f'run{KINDS[kind].suffix}'
+    path = folder / f'run{FORMATS[kind].suffix}'
     write_recording(run, path, kind)
     return path
 
@@ -42,7 +42,7 @@ def assert_same(read: Poses, simulated: Poses, atol: float) -> None:
     np.testing.assert_allclose(read.rotations, simulated.rotations, rtol=0, atol=atol)
 
 
-@pytest.mark.parametrize('kind', KINDS)
+@pytest.mark.parametrize('kind', FORMATS)
 def test_every_kind_reads_back_as_it_was(tmp_path, kind):
     path = written(RUN, tmp_path, kind)
     assert [file.name for file in tmp_path.iterdir()] == [path.name]
@@ -54,7 +54,7 @@ def test_every_kind_reads_back_as_it_was(tmp_path, kind):
         np.testing.assert_array_equal(estimate.covariances, RUN.estimate.covariances)
 
 
-@pytest.mark.parametrize('kind', KINDS)
+@pytest.mark.parametrize('kind', FORMATS)
 def test_every_kind_holds_the_imu(tmp_path, kind):
     path, blocks = written(RUN, tmp_path, kind), []
     path = path / 'imu0.csv' if kind == 'tum' else path
@@ -65,7 +65,7 @@ def test_every_kind_holds_the_imu(tmp_path, kind):
     np.testing.assert_array_equal(samples, RUN.imu.samples)
 
 
-@pytest.mark.parametrize('kind', KINDS)
+@pytest.mark.parametrize('kind', FORMATS)
 def test_writing_twice_is_the_same_to_the_byte(tmp_path, kind):
     found = []
     for folder in (tmp_path / 'first', tmp_path / 'second'):
@@ -76,11 +76,11 @@ def test_writing_twice_is_the_same_to_the_byte(tmp_path, kind):
     assert found[0]
 
 
-@pytest.mark.parametrize('kind', KINDS)
+@pytest.mark.parametrize('kind', FORMATS)
 def test_what_is_there_is_never_overwritten(tmp_path, kind):
     path = written(RUN, tmp_path, kind)
     before = files_in(path)
-    with pytest.raises(ConfigError, match='is there already'):
+    with pytest.raises(ConfigError, match='exists already'):
         written(simulate(duration_s=1), tmp_path, kind)
     assert files_in(path) == before
 
@@ -131,10 +131,17 @@ def test_positions_alone_are_points_and_no_tum_file(tmp_path):
     ('name', 'kind'), [('a.bag', 'ros1'), ('a.mcap', 'mcap'), ('a', 'rosbag2'), ('a.1', 'rosbag2')]
 )
 def test_the_kind_follows_the_name(name, kind):
-    assert kind_of(Path(name)) == kind
+    assert format_of(Path(name)) == kind
 
 
-@pytest.mark.parametrize(('name', 'kind'), [('a', 'ros1'), ('a.bag', 'mcap'), ('a.mcap', 'tum')])
-def test_a_name_of_another_kind_is_refused(name, kind):
-    with pytest.raises(ConfigError, match='has a name with'):
-        kind_of(Path(name), kind)
+@pytest.mark.parametrize(
+    ('name', 'kind', 'advice'),
+    [
+        ('a', 'ros1', 'name it with .bag'),
+        ('a.bag', 'mcap', 'name it with .mcap'),
+        ('a.mcap', 'tum', 'OUT is a folder: drop .mcap'),
+    ],
+)
+def test_a_name_of_another_kind_is_refused(name, kind, advice):
+    with pytest.raises(ConfigError, match=advice):
+        format_of(Path(name), kind)

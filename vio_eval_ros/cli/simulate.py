@@ -23,7 +23,7 @@ from vio_eval_ros.rendering.text import printable
 from vio_eval_ros.settings import finite, load_yaml
 from vio_eval_ros.simulation import at_rest, Drift, FAULTS, simulate, SimulatedRun
 from vio_eval_ros.simulation.faults import inject, parse_fault, usage
-from vio_eval_ros.simulation.formats import check_out, kind_of, KINDS, write_recording
+from vio_eval_ros.simulation.formats import check_out, format_of, FORMATS, write_recording
 
 VERB = 'simulate'
 SEED = 7
@@ -41,8 +41,8 @@ examples:
 exit status: 0 done, 2 could not be done
 """
 
-# of what may also be below 0, or must be above
-LEAST_DRIFT = {'scale_drift': (-1e6, 'a number'), 'scale': (1e-6, 'a number above 0')}
+# least value of a drift, and what is expected; of all others 0
+MIN_DRIFT = {'scale_drift': (-1e6, 'a number'), 'scale': (1e-6, 'a number above 0')}
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -53,43 +53,43 @@ def main(argv: list[str] | None = None) -> int:
 
 def _parser() -> Parser:
     parser = Parser(prog=VERB, description=__doc__, epilog=_faults() + EXAMPLES)
-    parser.add_argument('out', type=Path, metavar='OUT', help='what to write; nothing is replaced')
+    parser.add_argument(
+        'out', type=Path, metavar='OUT', help='file or folder to write; must not exist'
+    )
     parser.add_argument(
         '--format',
-        choices=KINDS,
-        help='ros1 is a bag, mcap a file, rosbag2 (with mcap in it) and sqlite3 are folders of '
-        'rosbag2, tum and euroc folders of files (default: by the name of OUT, ros1 where it '
-        'ends in .bag, mcap in .mcap, otherwise rosbag2)',
+        choices=FORMATS,
+        help='ros1 writes a bag, mcap a file, rosbag2 (with mcap) and sqlite3 a rosbag2 folder, '
+        'tum and euroc a folder of files (default: by the suffix of OUT: .bag ros1, .mcap mcap, '
+        'otherwise rosbag2)',
     )
     parser.add_argument(
         '--fault',
         action='append',
         default=[],
         metavar='NAME=SIZE',
-        help='one of those below; may be repeated, and they are put in one after the other',
+        help='one of those below; may be repeated, and they are applied in that order',
     )
     parser.add_argument(
         '--seed',
         type=int,
         default=SEED,
-        help='another number is another flight, drift and noise; the same is the same to the '
-        f'last byte (default: {SEED})',
+        help='of flight, drift, noise and faults; the same seed writes the same bytes '
+        f'(default: {SEED})',
     )
     flight = parser.add_argument_group('a simulated flight')
-    flight.add_argument(
-        '--duration-s', metavar='S', help=f'how long it lasts (default: {DURATION_S:g})'
-    )
+    flight.add_argument('--duration-s', metavar='S', help=f'duration (default: {DURATION_S:g})')
     flight.add_argument(
         '--drift',
         action='append',
         default=[],
         metavar='NAME=VALUE',
-        help='how wrong the estimate is: '
+        help='errors of the estimate: '
         + ', '.join(f'{field.name} ({field.default:g})' for field in fields(Drift))
         + ', or none; may be repeated',
     )
     flight.add_argument(
-        '--still', action='store_true', help='only an IMU that lies still, as imu_noise wants it'
+        '--still', action='store_true', help='only an IMU at rest, as imu_noise needs it'
     )
     flight.add_argument(
         '--imu-noise',
@@ -106,23 +106,23 @@ def _parser() -> Parser:
         )
     real = parser.add_argument_group('a real run')
     real.add_argument(
-        '--from', dest='source', metavar='SPEC', help='an estimate, in any form that replay reads'
+        '--from', dest='source', metavar='SPEC', help='an estimate, as replay reads it'
     )
-    real.add_argument('--ground-truth', metavar='SPEC', help='its ground truth, to be written too')
+    real.add_argument('--ground-truth', metavar='SPEC', help='its ground truth, written as well')
     return parser
 
 
 def _faults() -> str:
     rows = [f'  {usage(name):<24}{fault.does}' for name, fault in FAULTS.items()]
-    return '\n'.join(['faults, by the names that diagnose gives them:', *rows, ''])
+    return '\n'.join(['faults, named as diagnose names them:', *rows, ''])
 
 
 def _simulate(arguments: argparse.Namespace) -> int:
-    kind = kind_of(arguments.out, arguments.format)
+    kind = format_of(arguments.out, arguments.format)
     check_out(arguments.out)
     faults = [parse_fault(text) for text in arguments.fault]
     if arguments.seed < 0:
-        raise ConfigError('--seed: a number from 0 on is expected')
+        raise ConfigError('--seed: expected a whole number of at least 0')
     notes: list[str] = []
     made = _real_run(arguments, notes) if arguments.source else _simulated_run(arguments)
     source = np.random.default_rng(arguments.seed)
@@ -139,7 +139,7 @@ def _simulated_run(arguments: argparse.Namespace) -> SimulatedRun:
         raise ConfigError('--ground-truth goes with --from; a simulated flight has its own')
     duration_s = finite(DURATION_S if arguments.duration_s is None else arguments.duration_s)
     if not duration_s > 0:
-        raise ConfigError('--duration-s: a number of seconds is expected')
+        raise ConfigError('--duration-s: expected a positive number of seconds')
     noise = _noise(arguments)
     if not arguments.still:
         return simulate(duration_s, arguments.seed, _drift(arguments.drift), noise)
@@ -149,7 +149,7 @@ def _simulated_run(arguments: argparse.Namespace) -> SimulatedRun:
 
 
 def _real_run(arguments: argparse.Namespace, notes: list[str]) -> SimulatedRun:
-    """Return a run as it was recorded; what was left out or taken for granted is noted."""
+    """Return a run as it was recorded; what was left out or assumed is added to the notes."""
     of_flights = {
         name: f'--{name.replace("_", "-")}'
         for name in ('duration_s', 'drift', 'still', 'imu_noise')
@@ -172,7 +172,7 @@ def _real_run(arguments: argparse.Namespace, notes: list[str]) -> SimulatedRun:
 
 
 def _drift(texts: Sequence[str]) -> Drift:
-    """Return the drift of an estimate with what was given on the command line."""
+    """Return the drift of an estimate that the command line asks for."""
     drift = Drift()
     names = [field.name for field in fields(Drift)]
     for text in texts:
@@ -184,9 +184,9 @@ def _drift(texts: Sequence[str]) -> Drift:
             near = nearest_name(name, names) or f'; there are {", ".join(names)}'
             raise ConfigError(f"--drift: there is no '{name}'{near}")
         value = finite(given)
-        low, what = LEAST_DRIFT.get(name, (0.0, 'a number from 0 on'))
+        low, what = MIN_DRIFT.get(name, (0.0, 'a number of at least 0'))
         if not value >= low:
-            raise ConfigError(f'--drift {text}: {what} is expected')
+            raise ConfigError(f'--drift {text}: expected {what}')
         drift = replace(drift, **{name: value})
     return drift
 
@@ -202,12 +202,12 @@ def _noise(arguments: argparse.Namespace) -> ImuNoise:
     for key, (kind, name) in KALIBR.items():
         numbers[kind][name] = finite(values[key])
         if not numbers[kind][name] >= 0:
-            raise ConfigError(f'{NOISE_FLAGS[key]}: a number from 0 on is expected')
+            raise ConfigError(f'{NOISE_FLAGS[key]}: expected a number of at least 0')
     return ImuNoise(**{kind: Noise(**of_kind) for kind, of_kind in numbers.items()})
 
 
 def _noise_file(path: Path) -> dict[str, Any]:
-    """Return what a calibration file says of each key of Kalibr's."""
+    """Return the values of Kalibr's keys in a calibration file."""
     expected = f'a calibration with {", ".join(KALIBR)}'
     content = load_yaml(path, expected)
     # a chain has the keys of each IMU under its name
@@ -218,7 +218,7 @@ def _noise_file(path: Path) -> dict[str, Any]:
 
 
 def _text(made: SimulatedRun, out: Path, kind: str, faults: Sequence[str]) -> list[str]:
-    """Return what was written, and how to go on."""
+    """Return what was written."""
     counts = {
         'ground truth': len(made.ground_truth),
         'estimates': len(made.estimate),

@@ -1,8 +1,8 @@
 """
-Known truth: a simulated flight, what a visual-inertial odometry makes of it, and its IMU.
+Known truth: a simulated flight, the estimate of a visual-inertial odometry, and its IMU.
 
-The demo, the tests and anyone who wants to try a gate know exactly how wrong the estimate is,
-because it was made wrong here.
+The errors of the estimate are known exactly, because they are put in here: for the demo, the
+tests and anyone who wants to try a gate.
 """
 
 from vio_eval_ros.simulation.drift import Drift

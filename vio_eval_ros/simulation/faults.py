@@ -1,8 +1,8 @@
 """
-What goes wrong with estimates and ground truths, to be put into a run by name and size.
+Faults of estimates and ground truths, to be put into a run by name and size.
 
-The names are those under which ``diagnose`` finds them. A further fault is a function and a line
-in :data:`FAULTS`.
+Their names are those under which ``diagnose`` finds them. A further fault is a function and a
+line in :data:`FAULTS`.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.simulation.simulated_run import SimulatedRun
 
-# Takes poses, random numbers for what the sizes leave open, and the sizes.
+# takes poses, random numbers for what the sizes leave open, and the sizes
 Change = Callable[..., Trajectory]
 
 
 class Fault(NamedTuple):
     """
-    One thing that may go wrong.
+    One fault.
 
-    :param does: what it does, in words.
+    :param does: its effect, in words.
     :param units: of its sizes.
-    :param change: what it does to the poses of each of the sides; None exchanges the two.
+    :param change: applies it to the poses of each side; None exchanges the two sides.
     """
 
     does: str
@@ -45,8 +45,8 @@ def late(poses: Trajectory, source: np.random.Generator, seconds: float) -> Traj
     return replace(poses, stamps_ns=poses.stamps_ns + round(seconds * 1e9))
 
 
-def slow_clock(poses: Trajectory, source: np.random.Generator, ppm: float) -> Trajectory:
-    """Return poses whose stamps become later and later; in the middle they are right."""
+def drifting_clock(poses: Trajectory, source: np.random.Generator, ppm: float) -> Trajectory:
+    """Return poses whose stamps drift; in the middle of the run they are right."""
     later_ns = np.rint(ppm * 1e-6 * (poses.stamps_ns - _middle_ns(poses))).astype(np.int64)
     return replace(poses, stamps_ns=poses.stamps_ns + later_ns)
 
@@ -56,8 +56,8 @@ def scaled(poses: Trajectory, source: np.random.Generator, factor: float) -> Tra
     return replace(poses, positions=factor * poses.positions)
 
 
-def growing(poses: Trajectory, source: np.random.Generator, percent: float) -> Trajectory:
-    """Return a run whose scale grows by some percent a minute; in the middle it is right."""
+def growing_scale(poses: Trajectory, source: np.random.Generator, percent: float) -> Trajectory:
+    """Return a run whose scale grows by some percent per minute; in the middle it is right."""
     minutes = (poses.stamps_ns - _middle_ns(poses)) / 60e9
     return replace(
         poses,
@@ -65,8 +65,8 @@ def growing(poses: Trajectory, source: np.random.Generator, percent: float) -> T
     )
 
 
-def yawing(poses: Trajectory, source: np.random.Generator, degrees: float) -> Trajectory:
-    """Return a run whose heading runs away by some degrees a minute."""
+def drifting_heading(poses: Trajectory, source: np.random.Generator, degrees: float) -> Trajectory:
+    """Return a run whose heading drifts by some degrees per minute."""
     minutes = (poses.stamps_ns - poses.stamps_ns[0]) / 60e9
     turns = rotation.about_z(math.radians(degrees) * minutes)
     rotations = rotation.multiply(turns, _rotations(poses))
@@ -77,20 +77,20 @@ def yawing(poses: Trajectory, source: np.random.Generator, degrees: float) -> Tr
     )
 
 
-def turned(poses: Trajectory, source: np.random.Generator, degrees: float) -> Trajectory:
-    """Return the poses of a sensor that is turned, about any axis."""
+def rotated(poses: Trajectory, source: np.random.Generator, degrees: float) -> Trajectory:
+    """Return the poses of a sensor that is rotated in the body, about a random axis."""
     turn = rotation.from_rotation_vector(_vector(source, math.radians(degrees)))
     return replace(poses, rotations=rotation.multiply(_rotations(poses), turn))
 
 
 def displaced(poses: Trajectory, source: np.random.Generator, metres: float) -> Trajectory:
-    """Return the poses of a sensor that is somewhere else on the body."""
+    """Return the poses of a sensor elsewhere on the body, in a random direction."""
     lever = rotation.rotate(_rotations(poses), _vector(source, metres))
     return replace(poses, positions=poses.positions + lever)
 
 
 def tilted(poses: Trajectory, source: np.random.Generator, degrees: float) -> Trajectory:
-    """Return the poses in a world that is tilted, about any horizontal axis."""
+    """Return the poses in a world that is tilted about a random horizontal axis."""
     heading = source.uniform(0, 2 * math.pi)
     axis = np.array([math.cos(heading), math.sin(heading), 0.0])
     turn = rotation.from_rotation_vector(axis * math.radians(degrees))
@@ -99,7 +99,7 @@ def tilted(poses: Trajectory, source: np.random.Generator, degrees: float) -> Tr
 
 
 def jumped(poses: Trajectory, source: np.random.Generator, metres: float) -> Trajectory:
-    """Return poses that from one of them on are all displaced."""
+    """Return poses that are all displaced from a random one on."""
     first = int(source.uniform(0.15, 0.85) * len(poses))
     positions = poses.positions.copy()
     positions[first:] += _vector(source, metres)
@@ -109,7 +109,7 @@ def jumped(poses: Trajectory, source: np.random.Generator, metres: float) -> Tra
 def scattered(
     poses: Trajectory, source: np.random.Generator, share: float, metres: float
 ) -> Trajectory:
-    """Return poses of which a share is displaced, each in its own direction."""
+    """Return poses a share of which is displaced, each in its own direction."""
     count = max(1, round(share * len(poses)))
     positions = poses.positions.copy()
     for k in source.choice(len(poses), count, replace=False):
@@ -117,18 +117,18 @@ def scattered(
     return replace(poses, positions=positions)
 
 
-def cut(poses: Trajectory, source: np.random.Generator, share: float) -> Trajectory:
-    """Return the poses without those of an interval, which may be the end."""
+def interrupted(poses: Trajectory, source: np.random.Generator, share: float) -> Trajectory:
+    """Return the poses without those of a random interval, which may be the end."""
     duration_ns = poses.stamps_ns[-1] - poses.stamps_ns[0]
     latest = 1.0 - share
     begin = poses.stamps_ns[0] + source.uniform(min(0.1, latest), latest) * duration_ns
     return poses[(poses.stamps_ns < begin) | (poses.stamps_ns > begin + share * duration_ns)]
 
 
-def flown_away(
+def diverged(
     poses: Trajectory, source: np.random.Generator, share: float, metres: float
 ) -> Trajectory:
-    """Return a run that in its last share is lost, ever faster, and ends metres away."""
+    """Return a run that diverges in its last share, ever faster, and ends metres away."""
     count = max(1, round(share * len(poses)))
     positions = poses.positions.copy()
     positions[-count:] += np.linspace(0, 1, count)[:, None] ** 2 * _vector(source, metres)
@@ -141,7 +141,7 @@ def conjugated(poses: Trajectory, source: np.random.Generator) -> Trajectory:
 
 
 def reordered(poses: Trajectory, source: np.random.Generator, places: float) -> Trajectory:
-    """Return the poses with the components of their quaternions moved on; 1 puts w first."""
+    """Return the poses with rolled quaternion components; 1 puts w first."""
     return replace(poses, rotations=np.roll(_rotations(poses), round(places), axis=1))
 
 
@@ -157,41 +157,41 @@ def swapped(poses: Trajectory, source: np.random.Generator) -> Trajectory:
 
 
 def frozen(poses: Trajectory, source: np.random.Generator) -> Trajectory:
-    """Return poses that all are the first."""
+    """Return poses that are all equal to the first."""
     return replace(poses[np.zeros(len(poses), int)], stamps_ns=poses.stamps_ns)
 
 
 BOTH = ('estimate', 'ground_truth')
 FAULTS: dict[str, Fault] = {
     'time_offset': Fault('stamps are late', ('s',), late),
-    'clock_drift': Fault('stamps become later', ('ppm',), slow_clock),
+    'clock_drift': Fault('stamps drift', ('ppm',), drifting_clock),
     'scale': Fault('the run is larger', ('factor',), scaled),
-    'scale_drift': Fault('the scale grows, a minute', ('percent',), growing),
-    'sensor_rotation': Fault('the tracked frame is turned', ('deg',), turned),
+    'scale_drift': Fault('the scale grows, per minute', ('percent',), growing_scale),
+    'sensor_rotation': Fault('the tracked frame is rotated', ('deg',), rotated),
     'lever_arm': Fault('another point of the body is tracked', ('m',), displaced),
     'gravity_tilt': Fault('the world is tilted', ('deg',), tilted),
-    'yaw_drift': Fault('the heading runs away, a minute', ('deg',), yawing),
-    'jump': Fault('from somewhere on all is displaced', ('m',), jumped),
+    'yaw_drift': Fault('the heading drifts, per minute', ('deg',), drifting_heading),
+    'jump': Fault('all poses after a moment are displaced', ('m',), jumped),
     'outliers': Fault('a share of the poses is displaced', ('share', 'm'), scattered),
-    'lost_tracking': Fault('a share of the time has no poses', ('share',), cut),
-    'diverged': Fault('the last share of the run flies away', ('share', 'm'), flown_away),
+    'lost_tracking': Fault('a share of the time has no poses', ('share',), interrupted),
+    'diverged': Fault('the last share of the run diverges', ('share', 'm'), diverged),
     'quaternion_conjugated': Fault('rotations are inverse', (), conjugated),
     'quaternion_order': Fault('quaternions begin with w (1) or y (-1)', ('places',), reordered),
     'pose_inverted': Fault('poses are inverse, camera from world', (), inverted),
     'axes_swapped': Fault('x and y of the positions are swapped', (), swapped),
     'swapped_inputs': Fault('estimate and ground truth are exchanged', (), None, BOTH),
-    'truth_static': Fault('the ground truth stands still', (), frozen, ('ground_truth',)),
-    'insufficient_motion': Fault('both stand still', (), frozen, BOTH),
+    'truth_static': Fault('the ground truth does not move', (), frozen, ('ground_truth',)),
+    'insufficient_motion': Fault('neither moves', (), frozen, BOTH),
 }
-# Sizes of these units lie in between; of others any number will do.
-BETWEEN = {
+# exclusive bounds of the sizes, by unit
+BOUNDS = {
     'factor': (0.0, 1e6),
     'share': (0.0, 1.0),
     'ppm': (-1e6, 1e6),  # a clock does not run backwards
     's': (-4e9, 4e9),
     'places': (0.0, 4.0),
 }
-LARGEST = 1e6  # beyond, poses cannot be used at all
+MAX_SIZE = 1e6  # of all other units; beyond, poses are unusable
 
 
 def usage(name: str) -> str:
@@ -204,7 +204,7 @@ def parse_fault(text: str) -> tuple[str, tuple[float, ...]]:
     """
     Return the name and the sizes in a text such as ``outliers=0.01,2``.
 
-    :raises ConfigError: an unknown name; sizes that are missing, too many or not possible.
+    :raises ConfigError: an unknown name; sizes that are missing, too many or out of bounds.
     """
     name, _, given = text.partition('=')
     if name not in FAULTS:
@@ -214,14 +214,14 @@ def parse_fault(text: str) -> tuple[str, tuple[float, ...]]:
     try:
         sizes = tuple(map(float, given.split(','))) if given else ()
     except ValueError:
-        raise ConfigError(f"{text}: '{given}' is no number; write {usage(name)}") from None
+        raise ConfigError(f"{text}: '{given}' is not a number; write {usage(name)}") from None
     if len(sizes) != len(units):
         raise ConfigError(f'{text}: write {usage(name)} ({FAULTS[name].does})')
     for size, unit in zip(sizes, units, strict=True):
-        low, high = BETWEEN.get(unit, (-LARGEST, LARGEST))
+        low, high = BOUNDS.get(unit, (-MAX_SIZE, MAX_SIZE))
         if not low < size < high or (unit == 'places' and size != round(size)):
             what = 'whole number' if unit == 'places' else 'number'
-            raise ConfigError(f'{text}: a {what} between {low:g} and {high:g} is expected')
+            raise ConfigError(f'{text}: expected a {what} between {low:g} and {high:g}')
     return name, sizes
 
 
@@ -234,7 +234,7 @@ def inject(
     :param name: of ``FAULTS``.
     :param sizes: one for each of its units.
     :param source: of what they leave open, such as directions and moments.
-    :raises ConfigError: where the run has not what the fault would change.
+    :raises ConfigError: where the run lacks what the fault would change.
     """
     fault = FAULTS[name]
     for side in fault.sides:
@@ -253,12 +253,12 @@ def inject(
 
 def _rotations(poses: Trajectory) -> np.ndarray:
     if poses.rotations is None:
-        raise ConfigError('it needs orientations, and the poses have none')
+        raise ConfigError('it needs orientations, which the poses do not have')
     return poses.rotations
 
 
 def _vector(source: np.random.Generator, length: float) -> np.ndarray:
-    """Return a vector in any direction."""
+    """Return a vector in a random direction."""
     direction = source.normal(size=3)
     return np.asarray(length * direction / np.linalg.norm(direction))
 

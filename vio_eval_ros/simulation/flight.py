@@ -1,4 +1,4 @@
-"""A multirotor's flight through a room, and what an ideal IMU would feel of it."""
+"""A multirotor's flight through a room, and the samples of an ideal IMU on it."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import numpy as np
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.trajectory import Trajectory
 
-GRAVITY = 9.81  # m/s²
-UPWARDS = np.array([0.0, 0.0, GRAVITY])
+GRAVITY_M_S2 = 9.81
+UPWARDS = np.array([0.0, 0.0, GRAVITY_M_S2])
 
-FIRST_STAMP_NS = 1_403_715_524_907_140_096  # in EuRoC's days
+FIRST_STAMP_NS = 1_403_715_524_907_140_096  # at the time of the EuRoC recordings
 
-# The path, as a sum of sines: one row per motion, one column per axis x y z. The figure of eight
-# never stands still, so that the direction of travel is always defined.
+# The path, a sum of sines: a row per motion, a column per axis x y z. The figure of eight never
+# stops, so that the direction of travel is always defined.
 CENTRE_M = np.array([0.0, 0.0, 1.3])
 AMPLITUDES_M = np.array(
     [
@@ -31,40 +31,40 @@ RATES = 2 * np.pi * FREQUENCIES_HZ
 @dataclass(frozen=True, eq=False)
 class Flight:
     """
-    A flight through a room of 6 x 6 x 2.5 m: nose along the path, thrust along what is felt.
+    A flight through a room of 6 x 6 x 2.5 m: nose along the path, thrust along the specific force.
 
-    :param phases: (3, 3) rad, of the sines: where the flight begins.
+    :param phases: (3, 3) rad, of the sines at the start.
     """
 
     phases: np.ndarray
 
     @classmethod
     def random(cls, source: np.random.Generator) -> Flight:
-        """Return another flight each time."""
+        """Return a random flight."""
         phases = source.uniform(0, 2 * np.pi, AMPLITUDES_M.shape)
-        phases[0] = 0  # between its axes the figure of eight allows no other phase
+        phases[0] = 0  # the axes of a figure of eight are in phase
         return cls(phases)
 
     def poses(self, elapsed_ns: np.ndarray) -> Trajectory:
-        """Return the poses of the body, (N,) times after the begin; the world's z points up."""
+        """Return the poses of the body at (N,) times after the start; the world's z points up."""
         angles = self._angles(elapsed_ns)
         positions = CENTRE_M + np.sum(AMPLITUDES_M * np.sin(angles), axis=1)
         axes = _axes(*self._motion(angles)[:2])
         rotations = rotation.from_matrix(np.stack(axes, axis=-1))
         return Trajectory(FIRST_STAMP_NS + elapsed_ns, positions, rotations)
 
-    def felt(self, elapsed_ns: np.ndarray) -> np.ndarray:
+    def imu_samples(self, elapsed_ns: np.ndarray) -> np.ndarray:
         """Return (N, 6): angular rates [rad/s] and specific forces [m/s²] in the body's axes."""
         velocities, accelerations, jerks = self._motion(self._angles(elapsed_ns))
         forward, left, up = _axes(velocities, accelerations)
         thrust = accelerations + UPWARDS
         across = np.cross(up, velocities)
-        up_turns = _derivative_of_unit(thrust, jerks)
-        left_turns = _derivative_of_unit(
-            across, np.cross(up_turns, velocities) + np.cross(up, accelerations)
+        d_up = _derivative_of_unit(thrust, jerks)
+        d_left = _derivative_of_unit(
+            across, np.cross(d_up, velocities) + np.cross(up, accelerations)
         )
-        # the body's rates are those of its axes along each other: ω_x = up · d(left)/dt, ...
-        rates = _dot(up, left_turns), _dot(forward, up_turns), -_dot(forward, left_turns)
+        # rates of the body from derivatives of its axes: ω_x = up · d(left)/dt, ...
+        rates = _dot(up, d_left), _dot(forward, d_up), -_dot(forward, d_left)
         forces = (_dot(axis, thrust) for axis in (forward, left, up))
         return np.stack([*rates, *forces], axis=-1)
 
@@ -92,7 +92,7 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def _derivative_of_unit(vectors: np.ndarray, derivatives: np.ndarray) -> np.ndarray:
-    """Return how fast the directions of vectors change."""
+    """Return the derivatives of the directions of vectors."""
     directions = _unit(vectors)
     across = derivatives - _dot(directions, derivatives)[:, None] * directions
     return np.asarray(across / np.linalg.norm(vectors, axis=-1, keepdims=True))

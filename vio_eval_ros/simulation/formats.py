@@ -1,7 +1,7 @@
 """
-A run written as a recording or as files; each kind is a function and a line in ``KINDS``.
+The formats in which a run is written; each is a function and a line in ``FORMATS``.
 
-Messages are serialised in columns: those of a topic differ in their stamps and numbers only.
+Messages are serialised in columns: those of a topic differ only in their stamps and numbers.
 """
 
 from __future__ import annotations
@@ -22,17 +22,16 @@ from vio_eval_ros.errors import ConfigError, WriteError
 from vio_eval_ros.rendering.text import formatted, tum
 from vio_eval_ros.simulation.simulated_run import Imu, IMU_RATE_HZ, SimulatedRun
 
-# A pose is published this long after the image it is the pose of.
-VIO_LATENCY_NS = 38_000_000
-LATEST_NS = 2**31 * 10**9
+VIO_LATENCY_NS = 38_000_000  # between an image and the publication of its pose
+LAST_STAMP_NS = 2**31 * 10**9  # 2038: the seconds of a ROS stamp are int32
 
 
-class Stream(NamedTuple):
+class TopicColumns(NamedTuple):
     """
-    The messages of a topic, all of one type.
+    The messages of a topic, all of one type, as columns.
 
-    :param frames: the names of frames behind the stamp of each.
-    :param numbers: gives all the doubles behind those, (n, D), of a slice of the messages.
+    :param frames: the frame names that follow the stamp in each message.
+    :param numbers: returns all doubles after those, (n, D), of a slice of the messages.
     :param latency_ns: between stamp and receipt.
     """
 
@@ -45,13 +44,13 @@ class Stream(NamedTuple):
 
     def messages(self, ros1: bool) -> Iterator[tuple[int, str, bytes]]:
         """Yield the time of receipt, the topic and the bytes of each message."""
-        # CDR begins with a preamble, a header of ROS 1 with a counter; either has 4 bytes
+        # CDR begins with a preamble, a ROS 1 header with a counter; both have 4 bytes
         begin = bytes(4) if ros1 else b'\0\1\0\0'
         strings = b''
         for frame in self.frames:
             text = frame.encode() + (b'' if ros1 else b'\0')
             strings += struct.pack('<I', len(text)) + text
-            # numbers are aligned to their size in CDR, strings to that of their length
+            # CDR aligns numbers to their size, and strings to the size of their length
             strings += b'' if ros1 else bytes(-len(strings) % 4)
         strings += b'' if ros1 else bytes(-len(strings) % 8)
         for block in blocks(len(self.stamps_ns)):
@@ -70,8 +69,8 @@ class Stream(NamedTuple):
                 yield stamp_ns + self.latency_ns, self.topic, row.tobytes()
 
 
-def streams(run: SimulatedRun) -> list[Stream]:
-    """Return what a recorder would hear of a run."""
+def recorded_topics(run: SimulatedRun) -> list[TopicColumns]:
+    """Return the topics that a recorder would record of a run."""
     found = []
     if len(run.ground_truth):
         found.append(_poses(run.ground_truth, '/ground_truth/pose', 'world'))
@@ -82,14 +81,21 @@ def streams(run: SimulatedRun) -> list[Stream]:
     return found
 
 
-def _poses(poses: Trajectory, topic: str, frame: str, latency_ns: int = 0) -> Stream:
-    """Return poses as they are; of positions alone, points."""
+def _poses(poses: Trajectory, topic: str, frame: str, latency_ns: int = 0) -> TopicColumns:
+    """Return PoseStamped messages, or PointStamped where there are only positions."""
     kind = 'geometry_msgs/msg/' + ('PointStamped' if poses.rotations is None else 'PoseStamped')
 
     def numbers(block: slice) -> np.ndarray:
         return _pose_columns(poses[block])
 
-    return Stream(topic, kind, (frame,), poses.stamps_ns, numbers, latency_ns)
+    return TopicColumns(
+        topic=topic,
+        msgtype=kind,
+        frames=(frame,),
+        stamps_ns=poses.stamps_ns,
+        numbers=numbers,
+        latency_ns=latency_ns,
+    )
 
 
 def _pose_columns(poses: Trajectory) -> np.ndarray:
@@ -97,7 +103,7 @@ def _pose_columns(poses: Trajectory) -> np.ndarray:
     return np.concatenate(columns, axis=1)
 
 
-def _odometry(poses: Trajectory) -> Stream:
+def _odometry(poses: Trajectory) -> TopicColumns:
     """Return Odometry with the covariances of the poses; the twist stays zero."""
     if poses.rotations is None:
         return _poses(poses, '/vio/position', 'odom', VIO_LATENCY_NS)
@@ -110,14 +116,20 @@ def _odometry(poses: Trajectory) -> Stream:
             covariances[:, 3:, 3:] = some.covariances[:, 1]
         return np.concatenate([_pose_columns(some), covariances.reshape(-1, 36), twists], axis=1)
 
-    kind, frames = 'nav_msgs/msg/Odometry', ('odom', 'body')
-    return Stream('/vio/odometry', kind, frames, poses.stamps_ns, numbers, VIO_LATENCY_NS)
+    return TopicColumns(
+        topic='/vio/odometry',
+        msgtype='nav_msgs/msg/Odometry',
+        frames=('odom', 'body'),
+        stamps_ns=poses.stamps_ns,
+        numbers=numbers,
+        latency_ns=VIO_LATENCY_NS,
+    )
 
 
-def _imu(imu: Imu) -> Stream:
-    """Return Imu messages that know no orientation; covariances are those of the white noise."""
+def _imu(imu: Imu) -> TopicColumns:
+    """Return Imu messages without orientation; covariances are those of the white noise."""
     unknown = np.zeros(4 + 9)
-    unknown[3:5] = 1.0, -1.0  # there is no orientation
+    unknown[3:5] = 1.0, -1.0  # as sensor_msgs/Imu says that there is no orientation
     gyro, accel = (
         (np.eye(3) * noise.density**2 * IMU_RATE_HZ).ravel()
         for noise in (imu.noise.gyro, imu.noise.accel)
@@ -129,7 +141,7 @@ def _imu(imu: Imu) -> Stream:
         rows = [np.broadcast_to(part, (len(samples), part.shape[-1])) for part in parts]
         return np.concatenate(rows, axis=1)
 
-    return Stream('/imu0', 'sensor_msgs/msg/Imu', ('imu0',), imu.stamps_ns, numbers)
+    return TopicColumns('/imu0', 'sensor_msgs/msg/Imu', ('imu0',), imu.stamps_ns, numbers)
 
 
 def _write_ros1(run: SimulatedRun, path: Path) -> None:
@@ -163,16 +175,16 @@ def _record(run: SimulatedRun, writer: Any, ros1: bool) -> None:
     from rosbags.typesys import get_typestore, Stores
 
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
-    heard = streams(run)
-    for stream in heard:
-        if stream.stamps_ns[0] < 0 or stream.stamps_ns[-1] >= LATEST_NS:
-            raise ConfigError(f'{stream.topic}: messages have stamps from 1970 to 2038')
+    topics = recorded_topics(run)
+    for one in topics:
+        if one.stamps_ns[0] < 0 or one.stamps_ns[-1] >= LAST_STAMP_NS:
+            raise ConfigError(f'{one.topic}: stamps of messages are limited to 1970 to 2038')
     with writer:
         connections = {
-            stream.topic: writer.add_connection(stream.topic, stream.msgtype, typestore=store)
-            for stream in heard
+            one.topic: writer.add_connection(one.topic, one.msgtype, typestore=store)
+            for one in topics
         }
-        messages = (stream.messages(ros1) for stream in heard)
+        messages = (one.messages(ros1) for one in topics)
         for received_ns, topic, message in heapq.merge(*messages, key=itemgetter(0)):
             writer.write(connections[topic], received_ns, message)
 
@@ -212,7 +224,7 @@ accelerometer_random_walk: {accel.walk!r}
 
 
 def _write_euroc(run: SimulatedRun, path: Path) -> None:
-    """Write a sequence folder as EuRoC's, and the estimate beside its ``mav0``."""
+    """Write a sequence folder like EuRoC's, and the estimate beside its ``mav0``."""
     if len(run.ground_truth):
         folder = path / 'mav0' / 'state_groundtruth_estimate0'
         folder.mkdir(parents=True)
@@ -249,41 +261,46 @@ def _write_rows(file: Any, stamps_ns: np.ndarray, numbers: np.ndarray) -> None:
         file.write(formatted(table, ','.join(['%d'] + ['%.17g'] * numbers.shape[1])))
 
 
-class Kind(NamedTuple):
-    """How a run can be written: by which function, and with which end of the name, if any."""
+class Format(NamedTuple):
+    """How a run can be written: by which function, and with which suffix, if any."""
 
     write: Callable[[SimulatedRun, Path], None]
     suffix: str = ''
 
 
-KINDS: dict[str, Kind] = {
-    'ros1': Kind(_write_ros1, '.bag'),
-    'mcap': Kind(_write_mcap, '.mcap'),
-    'rosbag2': Kind(_write_rosbag2),
-    'sqlite3': Kind(_write_sqlite3),
-    'tum': Kind(_write_tum),
-    'euroc': Kind(_write_euroc),
+FORMATS: dict[str, Format] = {
+    'ros1': Format(_write_ros1, '.bag'),
+    'mcap': Format(_write_mcap, '.mcap'),
+    'rosbag2': Format(_write_rosbag2),
+    'sqlite3': Format(_write_sqlite3),
+    'tum': Format(_write_tum),
+    'euroc': Format(_write_euroc),
 }
 
-# not those of a folder
-OF_FILES = ('.csv', '.db3', '.json', '.tum', '.txt', '.yaml')
+# a folder has none of these
+FILE_SUFFIXES = ('.csv', '.db3', '.json', '.tum', '.txt', '.yaml')
 
 
-def kind_of(path: Path, stated: str | None = None) -> str:
+def format_of(path: Path, stated: str | None = None) -> str:
     """
-    Return the kind to be written: as stated, otherwise as the name tells.
+    Return the format to be written: as stated, otherwise by the suffix of the name.
 
-    :raises ConfigError: where the name is that of another kind.
+    :raises ConfigError: where the suffix is that of another format.
     """
-    named = next((name for name, kind in KINDS.items() if kind.suffix == path.suffix != ''), None)
-    if stated is None and path.suffix in OF_FILES:
-        known = ', '.join(kind.suffix for kind in KINDS.values() if kind.suffix)
-        raise ConfigError(f'{path}: {path.suffix} is not written; {known}, or a folder')
-    kind = stated or named or 'rosbag2'
-    if named != kind and (named or KINDS[kind].suffix):
-        wanted = KINDS[kind].suffix or 'no suffix of a recording'
-        raise ConfigError(f'{path}: what is written as {kind} has a name with {wanted}')
-    return kind
+    named = next((name for name, one in FORMATS.items() if one.suffix == path.suffix != ''), None)
+    if stated is None and path.suffix in FILE_SUFFIXES:
+        known = ', '.join(one.suffix for one in FORMATS.values() if one.suffix)
+        raise ConfigError(
+            f'{path}: cannot write {path.suffix}; OUT ends in {known}, or in neither for a folder'
+        )
+    chosen = stated or named or 'rosbag2'
+    if named != chosen:
+        suffix = FORMATS[chosen].suffix
+        if suffix:
+            raise ConfigError(f'{path}: for {chosen}, OUT is a file: name it with {suffix}')
+        if named:
+            raise ConfigError(f'{path}: for {chosen}, OUT is a folder: drop {path.suffix}')
+    return chosen
 
 
 def write_recording(run: SimulatedRun, path: Path, kind: str | None = None) -> None:
@@ -291,31 +308,30 @@ def write_recording(run: SimulatedRun, path: Path, kind: str | None = None) -> N
     Write a run; its path holds all of it or nothing.
 
     Recordings have ``/ground_truth/pose`` (PoseStamped), ``/vio/odometry`` (Odometry with the
-    covariance of its pose; the twist stays zero) and ``/imu0``, as far as there are any, in the
-    order in which a recorder would have received them.
+    covariance of its pose; the twist stays zero) and ``/imu0``, as far as the run has them, in
+    the order in which a recorder would have received them.
 
-    :param kind: of ``KINDS``. None goes by the name: a ROS 1 bag where it ends in ``.bag``, an
-        mcap file where in ``.mcap``, otherwise the folder of a rosbag2 in MCAP format with
-        compressed chunks.
-    :raises ConfigError: where something is there already, or the name is that of another kind.
+    :param kind: of ``FORMATS``. None goes by the suffix: ``.bag`` a ROS 1 bag, ``.mcap`` an mcap
+        file, otherwise a rosbag2 folder in MCAP format with compressed chunks.
+    :raises ConfigError: where the path exists already, or its suffix is that of another format.
     :raises WriteError: where it cannot be written.
     """
-    kind = kind_of(path, kind)
+    chosen = format_of(path, kind)
     with _staged(path) as staged:
-        KINDS[kind].write(run, staged)
+        FORMATS[chosen].write(run, staged)
 
 
 def check_out(path: Path) -> None:
     """Raise ``ConfigError`` where nothing can be written to a path."""
     if path.exists():
-        raise ConfigError(f'{path}: is there already; remove it or choose another name')
+        raise ConfigError(f'{path}: exists already; remove it or choose another name')
     if not path.parent.is_dir():
         raise ConfigError(f'{path}: there is no folder {path.parent}')
 
 
 @contextmanager
 def _staged(path: Path) -> Iterator[Path]:
-    """Yield another path to write to, and give it its name when all is there."""
+    """Yield a temporary path to write to, and rename it when it is complete."""
     check_out(path)
     try:
         with tempfile.TemporaryDirectory(dir=path.parent, prefix=f'.{path.name}.') as folder:
