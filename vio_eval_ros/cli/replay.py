@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from vio_eval_ros.cli.completion import complete
@@ -123,8 +124,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     if series or not formats.isdisjoint(RUNNING):
         result = replace(result, series=_series(config, estimate, truth))
     done = [
-        written('replay', report, lambda report=report: REPORTS[report.format](result))
-        for report in reports
+        written('replay', report, partial(REPORTS[report.format], result)) for report in reports
     ]
     if series:
         done.append(written('replay', series, lambda: series_csv(result.series)))

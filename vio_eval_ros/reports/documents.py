@@ -56,7 +56,7 @@ def junit(
         counts = {'tests': len(cases), 'failures': failures, 'errors': 0, 'skipped': 0}
         totals.update(counts)
         name = printable(title)
-        suite = ElementTree.SubElement(root, 'testsuite', name=name, **_texts(counts))
+        suite = ElementTree.SubElement(root, 'testsuite', {'name': name, **_texts(counts)})
         properties = ElementTree.SubElement(suite, 'properties')
         for metric, value in metrics.items():
             shown = 'null' if math.isnan(value) else repr(value)
@@ -71,8 +71,8 @@ def junit(
             output = '\n'.join(f'warning: {printable(warning)}' for warning in warnings)
             ElementTree.SubElement(suite, 'system-out').text = output
     del totals['skipped']  # which the schema has for suites only
-    for key, value in _texts(totals).items():
-        root.set(key, value)
+    for key, total in _texts(totals).items():
+        root.set(key, total)
     ElementTree.indent(root)
     return ElementTree.tostring(root, encoding='unicode', xml_declaration=True) + '\n'
 
