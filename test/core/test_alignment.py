@@ -119,7 +119,7 @@ def test_no_alignment_near_the_one_found_is_better(seed, mode, step):
         other = rotation.multiply(rotation.from_rotation_vector(turn), best.rotation)
         scale = best.scale * (1 + factor * (mode in ('scale', 'sim3')))
         positions = scale * rotation.rotate(other, pairs.estimate.positions)
-        # turned about the centre, so that shift and turn do not hide each other
+        # rotated about the centre, so that shift and rotation do not hide each other
         centre = scale * rotation.rotate(other, pairs.estimate.positions.mean(axis=0))
         if mode != 'scale':
             positions += pairs.ground_truth.positions.mean(axis=0) - centre + shift
@@ -256,7 +256,7 @@ def test_the_rotation_of_an_estimate_that_does_not_move_is_not_determined():
 @pytest.mark.parametrize('place', [np.zeros(3), np.array([1.1, 2.3, 0.7]), UTM])
 @pytest.mark.parametrize('mode', ['posyaw', 'se3', 'sim3'])
 def test_truth_that_stands_still_determines_nothing_however_far_the_estimate_goes(mode, place):
-    for seed in range(20):  # whatever way the rounding goes
+    for seed in range(20):  # whichever way rounding goes
         estimate = np.random.default_rng(seed).normal(0, 100, (100, 3))
         pairs = pairs_of(estimate, np.tile(place, (100, 1)))
         found = solve(mode, moments_of(pairs), pairs[:1])

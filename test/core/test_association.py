@@ -55,7 +55,7 @@ def squares(milliseconds) -> Poses:
 def associate(
     estimate: Poses, truth: Poses, deliveries=(), flush: bool = True, **options
 ) -> tuple[Pairs, Associator]:
-    """Return the pairs of two streams that arrive as told, and who associated them."""
+    """Return the pairs of two streams that arrive in these batches, and the associator."""
     associator, log = Associator(EvaluationConfig(**options)), PairLog()
     waiting = {'estimate': estimate, 'ground_truth': truth}
     add = {'estimate': associator.add_estimate, 'ground_truth': associator.add_ground_truth}

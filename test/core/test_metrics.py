@@ -1,4 +1,4 @@
-"""What is measured is what the definitions say, from the poses themselves and by brute force."""
+"""Metrics are what their definitions say, computed from the poses by brute force."""
 
 from dataclasses import replace
 import math
@@ -49,7 +49,7 @@ def matrices(trajectory: Trajectory, scale: float = 1.0) -> np.ndarray:
 
 
 def rotated_by(matrix: np.ndarray) -> np.ndarray:
-    """Return the degrees by which (M, 3, 3) matrices turn."""
+    """Return the degrees of (M, 3, 3) rotation matrices."""
     return np.degrees(
         np.linalg.norm(rotation.to_rotation_vector(rotation.from_matrix(matrix)), axis=-1)
     )
@@ -122,7 +122,7 @@ def test_a_known_fault_gives_a_known_error(flight, evaluate, metres, degrees, sc
     assert none['sim3_scale'] == pytest.approx(1 / scale, rel=1e-12)
 
 
-def test_a_turned_world_is_taken_out_of_the_orientations_as_well(flight, evaluate):
+def test_a_rotated_world_is_removed_from_the_orientations_as_well(flight, evaluate):
     turn = rotation.from_rotation_vector(np.array([0.3, -1.0, 2.0]))
     estimate = replace(
         flight,
@@ -131,7 +131,7 @@ def test_a_turned_world_is_taken_out_of_the_orientations_as_well(flight, evaluat
     )
     metrics = evaluate(estimate, flight).metrics
     assert metrics['ate_rot_max_deg'] < 1e-10
-    # a sensor that is turned on the body stays turned, whatever the world
+    # a sensor that is rotated on the body stays rotated, whatever the world
     mounted = rotation.multiply(
         estimate.rotations, rotation.from_rotation_vector(np.radians([0, 30.0, 0]))
     )
@@ -191,7 +191,7 @@ def test_motions_over_a_gap_are_counted_for_frames_only(flight, evaluate):
     ]
 
 
-def test_a_delta_that_no_two_poses_are_apart_is_said(flight, evaluate):
+def test_a_delta_that_no_two_poses_are_apart_is_reported(flight, evaluate):
     summary = evaluate(flight, flight, rpe_deltas=('1f', '100s'))
     assert 'rpe_100s: no two pairs are 100s apart' in summary.warnings
     assert summary.metrics['rpe_100s_pairs'] == 0
@@ -297,7 +297,7 @@ def test_nees_takes_each_block_for_its_own_error(evaluate):
 @pytest.mark.parametrize(
     'unusable', [np.zeros((3, 3)), np.diag([1.0, -1, 1]), np.full((3, 3), np.nan), SINGULAR]
 )
-def test_nees_leaves_out_covariances_that_are_none(evaluate, unusable):
+def test_nees_leaves_out_covariances_that_are_not_positive_definite(evaluate, unusable):
     estimate, truth = consistent(100, 3)
     covariances = estimate.covariances.copy()
     covariances[::2, 0] = unusable

@@ -16,7 +16,7 @@ TINY = 1e-14  # some tens of roundings of numbers around 1
 
 
 def draw(seed: int, count: int = 20) -> np.ndarray:
-    """Return random unit quaternions; some are 180 degree turns, some hardly turn."""
+    """Return random unit quaternions; some by 180 degrees, some by nearly nothing."""
     rng = np.random.default_rng(seed)
     angles = rng.choice([0, 1e-9, 1e-3, 1, np.pi - 1e-9, np.pi], (count, 1))
     axes = rng.normal(size=(count, 3))
@@ -25,7 +25,7 @@ def draw(seed: int, count: int = 20) -> np.ndarray:
     return quaternions * rng.choice([-1, 1], (count, 1))
 
 
-def turns(q: np.ndarray) -> np.ndarray:
+def as_matrix(q: np.ndarray) -> np.ndarray:
     """Return rotation matrices, written out (Kuipers 1999, equation 5.11)."""
     x, y, z, w = q.T
     return np.moveaxis(
@@ -42,14 +42,18 @@ def turns(q: np.ndarray) -> np.ndarray:
 
 
 @given(SEEDS)
-def test_products_inverses_and_rotated_vectors_are_those_of_matrices(seed):
+def test_products_inverses_and_rotated_vectors_are_those_of_as_matrix(seed):
     a, b = draw(seed), draw(seed + 1)
     v = np.random.default_rng(seed).normal(size=(len(a), 3))
-    np.testing.assert_allclose(rotation.to_matrix(a), turns(a), atol=TINY)
-    np.testing.assert_allclose(turns(rotation.multiply(a, b)), turns(a) @ turns(b), atol=TINY)
-    np.testing.assert_allclose(turns(rotation.conjugate(a)), turns(a).swapaxes(1, 2), atol=TINY)
+    np.testing.assert_allclose(rotation.to_matrix(a), as_matrix(a), atol=TINY)
     np.testing.assert_allclose(
-        rotation.rotate(a, v), (turns(a) @ v[..., None])[..., 0], atol=10 * TINY
+        as_matrix(rotation.multiply(a, b)), as_matrix(a) @ as_matrix(b), atol=TINY
+    )
+    np.testing.assert_allclose(
+        as_matrix(rotation.conjugate(a)), as_matrix(a).swapaxes(1, 2), atol=TINY
+    )
+    np.testing.assert_allclose(
+        rotation.rotate(a, v), (as_matrix(a) @ v[..., None])[..., 0], atol=10 * TINY
     )
 
 
@@ -110,7 +114,7 @@ def test_slerp_between_equal_and_opposite_quaternions_stays_there():
 def test_the_angle_of_a_rotation_is_that_of_its_matrix(angle):
     q = rotation.from_rotation_vector(angle * np.array([0.36, 0.48, -0.8]))
     assert rotation.angle(q) == pytest.approx(angle, rel=1e-9, abs=1e-15)
-    assert rotation.angle_of_matrix(turns(q[None])[0]) == pytest.approx(angle, abs=1e-9)
+    assert rotation.angle_of_matrix(as_matrix(q[None])[0]) == pytest.approx(angle, abs=1e-9)
 
 
 def test_rotations_about_z_take_x_towards_y():

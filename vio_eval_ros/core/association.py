@@ -10,7 +10,7 @@ import numpy as np
 from vio_eval_ros.core.cleaning import Cleaning
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.interpolation import between
-from vio_eval_ros.core.intervals import Intervals, longest_tracked, nanoseconds
+from vio_eval_ros.core.intervals import Intervals, nanoseconds, TrackingLimit
 from vio_eval_ros.core.preparation import Preparation
 from vio_eval_ros.core.trajectory import as_slice, Pairs, Poses, Trajectory
 
@@ -126,9 +126,7 @@ class Associator:
         self._difference_sum_ns = 0
         self._difference_max_ns = 0
         self._tracked = Intervals(self._gap_ns)
-        self._fast = 0
-        self._longest_fast_ns = 0
-        self._slow_ns = np.empty(0, np.int64)
+        self._limit = TrackingLimit(self._gap_ns)
 
     def add_estimate(self, poses: Poses) -> None:
         """Add a batch of the estimate, with stamps of its own clock."""
@@ -153,12 +151,7 @@ class Associator:
         Intervals between poses count where they are no longer than ``max_gap_s`` or three median
         intervals of the estimate. NaN without ground truth.
         """
-        limit_ns: float = self._gap_ns
-        if len(self._slow_ns) >= max(self._fast, 1):
-            # only where the median is above a third of the gap is the limit longer than the gap
-            fast_ns = np.full(self._fast, self._longest_fast_ns)
-            median_ns = float(np.median(np.concatenate([fast_ns, self._slow_ns])))
-            limit_ns = longest_tracked(limit_ns, median_ns)
+        limit_ns = self._limit.longest_ns()
         duration_ns = self.ground_truth.intervals.total_ns(limit_ns)
         # the estimates of the first and last pair may lie outside the ground truth
         return (
@@ -216,9 +209,8 @@ class Associator:
             return Pairs.empty()
         if self._start_ns or self._end_ns is not None:
             if horizon_ns < self.ground_truth.first_ns:
-                return (
-                    Pairs.empty()
-                )  # an earlier ground truth, the origin of start_s and end_s, may come
+                # an earlier ground truth, from which start_s and end_s count, may still come
+                return Pairs.empty()
             if self._begin_ns is None:
                 self._begin_ns = self.ground_truth.first_ns
             if self._begin_ns != AFTER_ALL:
@@ -227,11 +219,7 @@ class Associator:
         pairs = decided(self._horizon_ns, horizon_ns)
         self._count(pairs)
         self.ground_truth.settle(self._horizon_ns, horizon_ns)
-        intervals = self.estimate.settle(self._horizon_ns, horizon_ns)
-        slow = 3 * intervals > self._gap_ns
-        self._slow_ns = np.concatenate([self._slow_ns, intervals[slow]])
-        self._fast += len(intervals) - int(np.count_nonzero(slow))
-        self._longest_fast_ns = max(self._longest_fast_ns, int(intervals[~slow].max(initial=0)))
+        self._limit.add(self.estimate.settle(self._horizon_ns, horizon_ns))
         for side in (self.estimate, self.ground_truth):
             side.forget(self._needed_from(horizon_ns))
         self._horizon_ns = horizon_ns

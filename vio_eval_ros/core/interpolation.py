@@ -48,12 +48,12 @@ def interpolated(poses: Poses, stamps_ns: np.ndarray) -> Trajectory:
 
 class Interpolator:
     """
-    Poses between those of a trajectory, which is first made dense where it is not.
+    Poses between those of a trajectory, which is first upsampled where it is sparse.
 
     Between samples 5 ms apart a straight line is as good as any curve. Between samples 50 or
     100 ms apart it cuts the corners of a flight by more than a time offset of milliseconds
-    moves it: such a trajectory gets samples in between from cubic Hermite curves, through its
-    positions and through its rotations as rotation vectors about the sample before.
+    shifts it. Such a trajectory is upsampled with cubic Hermite curves, through its positions and
+    through its rotations as rotation vectors relative to the sample before.
 
     :param trajectory: at least two poses.
     :param max_gap_s: over longer intervals nothing is interpolated.
@@ -99,10 +99,10 @@ def _refined(poses: Trajectory, pieces: int) -> Trajectory:
     rotations = None
     if poses.rotations is not None:
         q = poses.rotations
-        # body rates are the same vector seen from both ends of a small turn
-        turns = rotation.to_rotation_vector(rotation.multiply(rotation.conjugate(q[:-1]), q[1:]))
-        rates = _slopes(turns / length, length)
-        curves = _hermite(turns, rates[:-1] * length, rates[1:] * length, weight)
+        # a body rate is the same vector at both ends of a small rotation
+        vectors = rotation.to_rotation_vector(rotation.multiply(rotation.conjugate(q[:-1]), q[1:]))
+        rates = _slopes(vectors / length, length)
+        curves = _hermite(vectors, rates[:-1] * length, rates[1:] * length, weight)
         fine = rotation.multiply(q[:-1, None], rotation.from_rotation_vector(curves))
         rotations = np.concatenate([fine.reshape(-1, 4), q[-1:]])
     return Trajectory(

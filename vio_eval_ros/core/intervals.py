@@ -23,12 +23,43 @@ def longest_tracked(max_gap: float, median: float) -> float:
     return max(max_gap, MEDIAN_INTERVALS * median)
 
 
+class TrackingLimit:
+    """
+    The longest interval that counts as tracking, of a stream that arrives in batches.
+
+    The limit is above the gap only where the median interval is above a third of it. Hence the
+    shorter intervals are only counted; those that may be the median are kept.
+    """
+
+    def __init__(self, gap_ns: int) -> None:
+        self._gap_ns = gap_ns
+        self._short = 0
+        self._longest_short_ns = 0
+        self._long_ns = np.empty(0, np.int64)
+
+    def add(self, intervals: np.ndarray) -> None:
+        """Take in the next intervals [ns] of the stream."""
+        is_long = MEDIAN_INTERVALS * intervals > self._gap_ns
+        self._long_ns = np.concatenate([self._long_ns, intervals[is_long]])
+        self._short += len(intervals) - int(np.count_nonzero(is_long))
+        longest_ns = int(intervals[~is_long].max(initial=0))
+        self._longest_short_ns = max(self._longest_short_ns, longest_ns)
+
+    def longest_ns(self) -> float:
+        """Return the limit for the intervals so far."""
+        if len(self._long_ns) < max(self._short, 1):
+            return self._gap_ns
+        short_ns = np.full(self._short, self._longest_short_ns)
+        median_ns = float(np.median(np.concatenate([short_ns, self._long_ns])))
+        return longest_tracked(self._gap_ns, median_ns)
+
+
 class Intervals:
     """
-    Durations between consecutive stamps, and how much of them was without a longer gap.
+    The time between consecutive stamps, and how much of it lies in intervals up to a limit.
 
     Intervals up to the gap are only summed; the few longer ones are kept, since the limit may
-    turn out to be larger.
+    become larger.
     """
 
     def __init__(self, gap_ns: int) -> None:

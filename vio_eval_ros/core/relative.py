@@ -93,8 +93,8 @@ class ErrorMoments:
     """
     Second moments of relative motions, from which their RMSE follows under any alignment.
 
-    The alignment of a run that goes on still changes. Hence (Q x, y - Q x) is kept where the error
-    is |s R x - y|, with Q near s R, so that small errors are not differences of large sums.
+    During a run the alignment still changes. For errors |s R x - y|, the moments are therefore of
+    (Q x, y - Q x) with Q near s R, so that small errors are not differences of large sums.
 
     :param products: for each kind the (2k, 2k) sum of outer products, k = 3 or 1.
     :param angles: sum of squared angles [rad²].
@@ -168,7 +168,7 @@ class Candidates:
     Which pairs may be a delta apart, in order.
 
     :param begin: (M,) indices.
-    :param end: (M,) indices of what is nearest to a delta further.
+    :param end: (M,) indices of the pairs nearest to a delta further.
     :param target: (M,) where ``end`` should be, along :func:`progress_along`.
     :param usable: (M,) whether it is near enough.
     """
