@@ -30,7 +30,7 @@ setup(
     name=NAME,
     # a literal, since that is what catkin_prepare_release can raise
     version='0.1.0',
-    description='Accuracy of visual-inertial odometry and SLAM, while it runs and afterwards',
+    description='Scores visual-inertial odometry and SLAM against ground truth, live and offline',
     long_description=README.read_text(encoding='utf-8'),
     long_description_content_type='text/markdown',
     keywords='ros ros2 vio slam odometry evaluation benchmark trajectory ate rpe imu',

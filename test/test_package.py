@@ -167,6 +167,14 @@ def test_help_lists_every_verb_with_its_purpose(capsys, arguments):
         assert re.search(rf'{verb} +{purpose}', printed)
 
 
+def test_help_whose_reader_stops_early_is_not_an_error():
+    script = f'set -o pipefail; {sys.executable} -m vio_eval_ros --help | head -n 0'
+    done = subprocess.run(
+        ['bash', '-c', script], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert (done.returncode, done.stderr) == (0, '')
+
+
 def test_no_verb_is_a_usage_error_that_lists_them(capsys):
     assert main([]) == 2
     printed = capsys.readouterr()

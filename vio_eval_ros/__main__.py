@@ -49,7 +49,10 @@ def main(argv: list[str] | None = None) -> int:
         return 2
     verb, *arguments = argv
     if verb in ('-h', '--help'):
-        print(_usage())
+        try:
+            print(_usage(), flush=True)
+        except BrokenPipeError:  # whoever reads it, such as head, has seen enough
+            sys.stdout = None  # type: ignore[assignment]
         return 0
     if verb not in VERBS:
         near = difflib.get_close_matches(verb, VERBS, n=1, cutoff=0.5)
