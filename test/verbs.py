@@ -21,6 +21,7 @@ from vio_eval_ros.__main__ import main
 ROOT = Path(__file__).resolve().parents[1]
 COMMAND = [sys.executable, '-m', 'vio_eval_ros']
 LIMIT_S = 120
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 
 def call(verb: str, *arguments: object, cwd: Path | None = None) -> CompletedProcess[str]:
@@ -107,7 +108,7 @@ def _refuse(word: str) -> NoReturn:
 def _restored(cwd: Path | None) -> Iterator[None]:
     """Work in a folder, and put back what a verb may change of the process."""
     before = Path.cwd()
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    handlers = {number: signal.getsignal(number) for number in SIGNALS}
     with patch.dict(os.environ):
         try:
             os.chdir(cwd or before)

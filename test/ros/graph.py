@@ -17,6 +17,7 @@ import numpy as np
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
 from rclpy.parameter import Parameter  # noqa: F401  # the tests take it from here
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.publisher import Publisher
@@ -30,8 +31,8 @@ with warnings.catch_warnings():
     warnings.simplefilter('ignore', DeprecationWarning)
     import rosidl_generator_py  # noqa: F401  # rclpy would later; its parser imports sre_parse
 
-LIMIT_S = 30  # for what takes a second or two on an idle machine
-SPIN_S = 0.02
+LIMIT_S = 60  # for what takes a second or two on an idle machine
+SPIN_S = 0.01
 LEVELS = {
     DiagnosticStatus.OK: 'OK',
     DiagnosticStatus.WARN: 'WARN',
@@ -56,24 +57,42 @@ class Status:
 
 
 class Graph:
-    """The test's side of the graph: a node that is spun while a condition is waited for."""
+    """
+    The test's side of the graph: a node that is spun while a condition is waited for.
+
+    So are the nodes under test that share its context: nothing happens in them meanwhile.
+    """
 
     def __init__(self, domain: int, name: str) -> None:
         self.processes: list[subprocess.Popen] = []  # without which there is nothing to wait for
+        self.beside: list[Graph] = []  # spun as well
         self.statuses: dict[str, Status] = {}
         self.stamp_ns = 0
-        self._context = Context()
-        rclpy.init(context=self._context, domain_id=domain)
-        self._node = rclpy.create_node(name, context=self._context)
-        self._executor = SingleThreadedExecutor(context=self._context)
+        self.context = Context()
+        rclpy.init(context=self.context, domain_id=domain)
+        self._node = rclpy.create_node(name, context=self.context)
+        self._executor = SingleThreadedExecutor(context=self.context)
         self._executor.add_node(self._node)
         self._node.create_subscription(DiagnosticArray, '/diagnostics', self._diagnosed, 10)
+        self._nodes: list[Node] = []
+        self._publishers: list[Publisher] = []
 
     def close(self) -> None:
         """Leave the graph."""
         self._executor.shutdown()
         self._node.destroy_node()
-        rclpy.shutdown(context=self._context)
+        rclpy.shutdown(context=self.context)
+
+    def add(self, node: Node) -> None:
+        """Spin a node as well; it has the context of the graph."""
+        self._executor.add_node(node)
+        self._nodes.append(node)
+
+    def remove(self, node: Node) -> None:
+        """Spin a node no more, and destroy it."""
+        self._executor.remove_node(node)
+        self._nodes.remove(node)
+        node.destroy_node()
 
     def wait_until(
         self, condition: Callable[[], Any], what: str, meanwhile: Callable[[], Any] | None = None
@@ -81,7 +100,8 @@ class Graph:
         """Spin until the condition holds, and return its value."""
         end_s = time.monotonic() + LIMIT_S
         while not (value := condition()):
-            self._executor.spin_once(timeout_sec=SPIN_S)
+            for graph in (self, *self.beside):
+                graph._executor.spin_once(timeout_sec=SPIN_S)
             if meanwhile is not None:
                 meanwhile()
             assert time.monotonic() < end_s, f'waited for {what}, but\n{self.said()}'
@@ -117,6 +137,11 @@ class Graph:
         self.wait_until(is_so, f'{name} {level} {messages} {values}', meanwhile)
         return self.statuses[name]
 
+    def wait_for_statuses(self) -> None:
+        """Return when diagnostics of what is known from now on have come."""
+        self.statuses.clear()
+        self.wait_until(lambda: self.statuses, 'diagnostics')
+
     def wait_for_arrival(self, estimate: int = 400, ground_truth: int = 1000) -> None:
         """Return when so many messages have been received since the start, and evaluated."""
         self.wait_for(
@@ -137,11 +162,29 @@ class Graph:
         )
         publisher = self._node.create_publisher(_class(msgtype), topic, quality)
         if matched:
-            self.wait_until(publisher.get_subscription_count, f'a subscription to {topic}')
+            self._publishers.append(publisher)
+            self.wait_until(lambda: self._is_matched(publisher), f'a subscription to {topic}')
         return publisher
+
+    def _is_matched(self, publisher: Publisher) -> bool:
+        """Return whether nothing that is published now is lost: both sides know each other."""
+        topic, graphs = publisher.topic_name, (self, *self.beside)
+        known = [
+            subscription.get_publisher_count()
+            for graph in graphs
+            for node in graph._nodes
+            for subscription in node.subscriptions
+            if subscription.topic_name == topic
+        ]
+        published = [p for graph in graphs for p in graph._publishers if p.topic_name == topic]
+        return publisher.get_subscription_count() > 0 and all(
+            count >= len(published) for count in known
+        )
 
     def withdraw(self, publisher: Publisher) -> None:
         """Publish no more."""
+        if publisher in self._publishers:
+            self._publishers.remove(publisher)
         self._node.destroy_publisher(publisher)
 
     def both(self) -> tuple[Publisher, Publisher]:
@@ -154,7 +197,10 @@ class Graph:
         if latched:
             quality.durability = DurabilityPolicy.TRANSIENT_LOCAL
         messages: list[Any] = []
-        self._node.create_subscription(_class(msgtype), topic, messages.append, quality)
+        subscription = self._node.create_subscription(
+            _class(msgtype), topic, messages.append, quality
+        )
+        self.wait_until(subscription.get_publisher_count, f'a publisher of {topic}')
         return messages
 
     def set_time(self, clock: Publisher, stamp_ns: int) -> None:

@@ -1,95 +1,31 @@
-"""The evaluator as its users run it: a process beside one that plays a recording."""
+"""Live is replay to the last bit, and wrong arguments are said in one line."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from __future__ import annotations
+
+from collections.abc import Iterable
 import csv
 import json
 import os
 from pathlib import Path
 import signal
 import subprocess
-import time
 
 import pytest
 
+from verbs import call, document
+
 pytest.importorskip('rclpy', reason='needs ROS 2: pip install ".[ros]"')
+
+from vio_eval_ros.recordings.playback import Playback, Timed
 
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / 'demo' / 'simulated_flight'
 V1_02 = 'derived_bags/euroc_V1_02_vins_fusion'
 TRUTH_CSV = 'gt_euroc/vins_mono_asl_csv/V1_02_medium/data.csv'
-TOPICS = ('-r', 'estimate:=/vio/odometry', '-r', 'ground_truth:=/ground_truth/pose')
-TOPICS_PLAYED = ('/vio/odometry', '/ground_truth/pose')
-LIMIT_S = 60
-
-
-@pytest.fixture
-def environment(ros, ros_environment, installed: Path) -> dict[str, str]:
-    """Return an environment with the installed verbs, in which nobody else is on the graph."""
-    (packages,) = installed.glob('lib/python*/site-packages')
-    verbs = installed / 'lib' / 'vio_eval_ros'
-    return ros_environment | {
-        'PATH': f'{verbs}{os.pathsep}{os.environ["PATH"]}',
-        'PYTHONPATH': str(packages),
-    }
-
-
-def verb(name: str, *arguments: object) -> list[str]:
-    return [name, *map(str, arguments)]
-
-
-@contextmanager
-def evaluator(environment, *arguments: object) -> Iterator[subprocess.Popen]:
-    """Start the node; end it as Ctrl-C does."""
-    process = subprocess.Popen(
-        verb('evaluator', '--ros-args', *arguments, *TOPICS),
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.STDOUT,
-        text=True,
-    )
-    try:
-        yield process
-        process.send_signal(signal.SIGINT)
-        said, _ = process.communicate(timeout=LIMIT_S)
-        assert process.returncode == 0, said
-        assert 'Traceback' not in said
-    finally:
-        if process.poll() is None:
-            process.kill()
-            process.communicate()
-
-
-def play(environment, recording: Path, *arguments: object) -> None:
-    done = subprocess.run(
-        verb('play', recording, '--rate', 20, '--wait-for-subscribers', *arguments),
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=LIMIT_S,
-        check=False,
-    )
-    assert done.returncode == 0, done.stderr
-
-
-def replayed(environment, *arguments: object) -> dict:
-    done = subprocess.run(
-        verb('replay', *arguments, '--json'),
-        env=environment,
-        capture_output=True,
-        text=True,
-        timeout=LIMIT_S,
-        check=True,
-    )
-    return json.loads(done.stdout)
-
-
-def reliable(*topics: str) -> list[str]:
-    return [
-        word
-        for topic in topics
-        for word in ('-p', f'qos_overrides.{topic}.subscription.reliability:=reliable')
-    ]
+TOPICS = ('/vio/odometry', '/ground_truth/pose')
+NAMES = ('estimate', 'ground_truth')
+LIMIT_S = 120
+BATCH = 5000  # fewer than the queues hold
 
 
 def assert_same(live: Path, offline: Path) -> None:
@@ -114,35 +50,68 @@ def assert_same(live: Path, offline: Path) -> None:
         assert values[0] == pytest.approx(values[1], rel=1e-9, nan_ok=True)
 
 
-def replay_into(folder: Path, environment, *arguments: object) -> None:
+def replay_into(folder: Path, *arguments: object) -> None:
     folder.mkdir()
     report = ('--report', f'json:{folder}/result.json', '--series', f'csv:{folder}/series.csv')
-    replayed(environment, *arguments, *report)
+    document('replay', *arguments, *report)
 
 
-def compare(environment, tmp_path, recording, live=(), offline=(), topics=TOPICS_PLAYED) -> None:
-    """Play into the evaluator, replay the same, and compare."""
-    options = ('-p', f'report_dir:={tmp_path}/live', *reliable(*topics), *live)
-    with evaluator(environment, *options):
-        play(environment, recording, '--topics', *topics)
-    replay_into(tmp_path / 'offline', environment, recording, *offline)
-    assert_same(tmp_path / 'live', tmp_path / 'offline')
+class Flight:
+    """A recording that is published into an evaluator, message by message."""
+
+    def __init__(self, graph, node, recording: Path, topics: Iterable[str]) -> None:
+        self._graph, self._node, self._sent = graph, node, 0
+        with Playback(recording) as playback:
+            known = {topic.name: topic.msgtype for topic in playback.topics}
+            span = (playback.first_ns, playback.last_ns)
+            self.messages = list(playback.messages(set(topics), *span))
+        self._publishers = {topic: graph.publisher(topic, known[topic]) for topic in topics}
+
+    def publish(self, messages: list[Timed]) -> None:
+        """Publish messages and wait until they have arrived."""
+        for begin in range(0, len(messages), BATCH):
+            for _, topic, cdr in messages[begin : begin + BATCH]:
+                self._publishers[topic].publish(cdr)
+            self._sent += len(messages[begin : begin + BATCH])
+            self._graph.wait_until(lambda: self._node.received == self._sent, 'the messages')
+
+
+def arguments_of(report: Path, topics: tuple[str, ...]) -> list[str]:
+    """Return the arguments of an evaluator of topics of which no message may be lost."""
+    remap = [f'{name}:={topic}' for name, topic in zip(NAMES, topics, strict=False)]
+    parameters = [f'report_dir:={report}'] + [
+        f'qos_overrides.{topic}.subscription.reliability:=reliable' for topic in topics
+    ]
+    return [
+        *(word for rule in remap for word in ('-r', rule)),
+        *(word for parameter in parameters for word in ('-p', parameter)),
+    ]
+
+
+@pytest.fixture
+def compare(graph, evaluator, tmp_path):
+    """Return a function that publishes a recording, replays it, and compares the reports."""
+
+    def check(recording, live=(), offline=(), topics=TOPICS) -> None:
+        words = [*arguments_of(tmp_path / 'live', topics), *live]
+        node = evaluator(reliable=False, arguments=words)
+        flight = Flight(graph, node, recording, topics)
+        flight.publish(flight.messages)
+        node.stop()
+        replay_into(tmp_path / 'offline', recording, *offline)
+        assert_same(tmp_path / 'live', tmp_path / 'offline')
+
+    return check
 
 
 @pytest.mark.parametrize('kind', ['.bag', '_sqlite3', '_mcap'])
-def test_live_is_replay_to_the_last_bit(environment, tmp_path, shared_data, kind):
-    compare(environment, tmp_path, shared_data / f'{V1_02}{kind}')
+def test_live_is_replay_to_the_last_bit(compare, shared_data, kind):
+    compare(shared_data / f'{V1_02}{kind}')
 
 
-def test_live_is_replay_of_the_demo(environment, tmp_path):
-    compare(environment, tmp_path, DEMO)
-
-
-def test_live_is_replay_with_the_ground_truth_in_a_file(environment, tmp_path, shared_data):
+def test_live_is_replay_with_the_ground_truth_in_a_file(compare, shared_data):
     file = shared_data / TRUTH_CSV
     compare(
-        environment,
-        tmp_path,
         shared_data / f'{V1_02}.bag',
         live=('-p', f'ground_truth_file:={file}'),
         offline=('--estimate', '/vio/odometry', '--ground-truth', file),
@@ -150,43 +119,79 @@ def test_live_is_replay_with_the_ground_truth_in_a_file(environment, tmp_path, s
     )
 
 
-def test_live_is_replay_with_a_truth_of_positions_only(environment, tmp_path, leica_recording):
-    topics = ('/vio/pose', '/leica/position')
-    remap = ('-r', 'estimate:=/vio/pose', '-r', 'ground_truth:=/leica/position')
-    live, offline = ('-p', 'alignment:=posyaw'), ('--alignment', 'posyaw')
-    compare(environment, tmp_path, leica_recording, (*remap, *live), offline, topics)
+def test_live_is_replay_with_a_truth_of_positions_only(compare, tmp_path, leica_recording):
+    compare(
+        leica_recording,
+        live=('-p', 'alignment:=posyaw'),
+        offline=('--alignment', 'posyaw'),
+        topics=('/vio/pose', '/leica/position'),
+    )
     result = json.loads((tmp_path / 'live' / 'result.json').read_text())
     assert result['inputs']['ground_truth']['position_only']
     assert result['metrics']['ate_rot_rmse_deg'] is None
 
 
-def test_live_is_replay_of_a_path_that_is_revised(environment, tmp_path, revising_recording):
-    topics = ('/slam/path', '/ground_truth/pose')
-    options = ('-r', 'estimate:=/slam/path')
-    compare(environment, tmp_path, revising_recording, options, topics=topics)
+def test_live_is_replay_of_a_path_that_is_revised(compare, tmp_path, revising_recording):
+    compare(revising_recording, topics=('/slam/path', '/ground_truth/pose'))
     result = json.loads((tmp_path / 'live' / 'result.json').read_text())
     assert result['metrics']['loop_closure_gain'] < 1
 
 
-@pytest.mark.parametrize('first', TOPICS_PLAYED)
-def test_the_stream_that_begins_five_seconds_later_changes_nothing(environment, tmp_path, first):
-    (second,) = set(TOPICS_PLAYED) - {first}
-    options = ('-p', f'report_dir:={tmp_path}/live', *reliable(*TOPICS_PLAYED))
-    with evaluator(environment, *options):
-        ahead = subprocess.Popen(
-            verb('play', DEMO, '--rate', 8, '--wait-for-subscribers', '--topics', first),
-            env=environment,
-            stderr=subprocess.DEVNULL,
-        )
-        try:
-            time.sleep(5)
-            play(environment, DEMO, '--topics', second, '--rate', 8)
-            assert ahead.wait(timeout=LIMIT_S) == 0
-        finally:
-            ahead.kill()
-            ahead.wait()
-    replay_into(tmp_path / 'offline', environment, DEMO)
+@pytest.mark.parametrize('first', TOPICS)
+def test_the_stream_that_begins_much_later_changes_nothing(graph, evaluator, tmp_path, first):
+    node = evaluator(reliable=False, arguments=arguments_of(tmp_path / 'live', TOPICS))
+    flight = Flight(graph, node, DEMO, TOPICS)
+    ahead = [message for message in flight.messages if message[1] == first]
+    behind = [message for message in flight.messages if message[1] != first]
+    for messages in (ahead[: len(ahead) // 2], behind, ahead[len(ahead) // 2 :]):
+        flight.publish(messages)
+        graph.wait_for_statuses()  # it has been evaluated meanwhile
+    node.stop()
+    replay_into(tmp_path / 'offline', DEMO)
     assert_same(tmp_path / 'live', tmp_path / 'offline')
+
+
+# From here on as users run it.
+
+
+@pytest.fixture
+def verbs(ros_environment, installed: Path) -> dict[str, str]:
+    """Return an environment with the installed verbs, in which nobody else is on the graph."""
+    (packages,) = installed.glob('lib/python*/site-packages')
+    verbs = installed / 'lib' / 'vio_eval_ros'
+    return ros_environment | {
+        'PATH': f'{verbs}{os.pathsep}{os.environ["PATH"]}',
+        'PYTHONPATH': str(packages),
+    }
+
+
+@pytest.mark.parametrize('name', ['demo', '_sqlite3'])
+def test_live_is_replay_of_what_play_publishes(verbs, request, tmp_path, name):
+    path = DEMO if name == 'demo' else request.getfixturevalue('shared_data') / f'{V1_02}{name}'
+    report = tmp_path / 'live'
+    node = subprocess.Popen(
+        ['evaluator', '--ros-args', *arguments_of(report, TOPICS)],
+        env=verbs,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+    )
+    try:
+        options = ('--rate', '20', '--wait-for-subscribers', '--topics', *TOPICS)
+        played = subprocess.run(
+            ['play', path, *options], env=verbs, capture_output=True, timeout=LIMIT_S, check=False
+        )
+        assert played.returncode == 0, played.stderr
+        node.send_signal(signal.SIGINT)
+        said, _ = node.communicate(timeout=LIMIT_S)
+        assert node.returncode == 0, said
+        assert 'Traceback' not in said
+    finally:
+        if node.poll() is None:
+            node.kill()
+            node.communicate()
+    replay_into(tmp_path / 'offline', path)
+    assert_same(report, tmp_path / 'offline')
 
 
 QOS = '-p qos_overrides./estimate.subscription'
@@ -221,10 +226,25 @@ QOS = '-p qos_overrides./estimate.subscription'
         ('--alignment se3', "--ros-args: not understood: ['--alignment', 'se3']"),
     ],
 )
-def test_a_wrong_argument_is_one_line_and_status_2(environment, arguments, problem):
+def test_a_wrong_argument_is_one_line_and_status_2(environment, arguments, problem, capfd):
+    done = call('evaluator', '--ros-args', *arguments.split())
+    said = done.stderr + capfd.readouterr().err  # of Python, and of the libraries below it
+    assert done.returncode == 2, said
+    assert problem in said
+    assert said.count('\n') == 1, said
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'problem'),
+    [
+        ('-p alignmnt:=se3', "there is no parameter 'alignmnt'; did you mean 'alignment'?"),
+        ('-p alignment', "Couldn't parse parameter override rule: '-p alignment'"),
+    ],
+)
+def test_a_wrong_argument_of_the_installed_verb_is_one_line(verbs, arguments, problem):
     done = subprocess.run(
-        verb('evaluator', '--ros-args', *arguments.split()),
-        env=environment,
+        ['evaluator', '--ros-args', *arguments.split()],
+        env=verbs,
         capture_output=True,
         text=True,
         timeout=LIMIT_S,

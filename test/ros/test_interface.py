@@ -26,7 +26,7 @@ def flown(graph, ros, flight):
 
 
 def test_every_topic_can_be_listened_to(graph, another, flown, evaluator, flight):
-    evaluator('stale_after_s:=1.0', 'publish_metrics:=[ate_trans_rmse_m, ate_trans_max_m]')
+    evaluator('stale_after_s:=0.5', 'publish_metrics:=[ate_trans_rmse_m, ate_trans_max_m]')
     float64 = 'std_msgs/msg/Float64'
     running = graph.listen('/vio_evaluator/metrics/ate_trans_rmse_m', float64)
     window = graph.listen('/vio_evaluator/window/ate_trans_rmse_m', float64)

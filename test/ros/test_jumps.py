@@ -130,7 +130,7 @@ def test_a_run_that_ends_while_a_stream_lags_is_reported_all_the_same(
 
 
 def test_a_stream_that_does_not_jump_with_the_other_is_not_waited_for_for_ever(
-    graph, ros, evaluator, flight
+    graph, ros, evaluator, flight, short_lag
 ):
     evaluator()
     estimate, truth = graph.both()
@@ -166,7 +166,7 @@ def test_the_clock_may_jump_back_with_the_streams(graph, ros, evaluator, flight,
         assert_is_whole(run, scored)
 
 
-def test_the_clock_may_jump_back_alone(graph, ros, evaluator, flight, scored, tmp_path):
+def test_the_clock_may_jump_back_alone(graph, ros, evaluator, flight, scored, tmp_path, short_lag):
     evaluator('use_sim_time:=true', f'report_dir:={tmp_path}')
     estimate, truth = graph.both()
     clock = graph.publisher('/clock', ros.CLOCK)

@@ -40,8 +40,8 @@ MOMENTS = {
 
 @pytest.mark.skipif(not Path('/proc/self/maps').exists(), reason='needs the /proc of Linux')
 @pytest.mark.parametrize('moment', MOMENTS)
-def test_a_signal_during_the_start_ends_it_in_order(evaluator, tmp_path, moment):
-    node = evaluator(f'report_dir:={tmp_path}')
+def test_a_signal_during_the_start_ends_it_in_order(process, tmp_path, moment):
+    node = process(f'report_dir:={tmp_path}')
     pid, end_s = node.process.pid, time.monotonic() + 30
     while not (catches_signals(pid) and MOMENTS[moment](pid)):
         assert node.process.poll() is None
@@ -54,9 +54,9 @@ def test_a_signal_during_the_start_ends_it_in_order(evaluator, tmp_path, moment)
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_while_it_runs_ends_it_with_its_report(
-    graph, ros, evaluator, flight, tmp_path, number
+    graph, ros, process, flight, tmp_path, number
 ):
-    node = evaluator(f'report_dir:={tmp_path}')
+    node = process(f'report_dir:={tmp_path}')
     estimate, truth = graph.both()
     ros.send(truth, flight.ground_truth)
     ros.send(estimate, flight.estimate)
@@ -86,11 +86,11 @@ def test_a_run_without_pairs_says_why(graph, ros, evaluator, flight):
 
 
 def test_more_signals_do_no_harm_to_the_report_that_is_written(
-    graph, ros, evaluator, flight, tmp_path
+    graph, ros, process, flight, tmp_path
 ):
     # writing waits where a pipe is not read yet
     os.mkfifo(tmp_path / 'result.md')
-    node = evaluator(f'report_dir:={tmp_path}')
+    node = process(f'report_dir:={tmp_path}')
     estimate, truth = graph.both()
     ros.send(truth, flight.ground_truth)
     ros.send(estimate, flight.estimate)

@@ -3,7 +3,6 @@
 from dataclasses import replace
 from itertools import count
 import json
-import signal
 
 import numpy as np
 import pytest
@@ -23,7 +22,7 @@ def moved(poses: Poses, metres: float) -> Poses:
 
 
 def test_streams_may_come_late_stop_and_come_back(graph, ros, evaluator, flight):
-    evaluator('stale_after_s:=1.0')
+    evaluator('stale_after_s:=0.5')
     graph.wait_for('streams', 'WARN', 'nobody publishes /estimate; nobody publishes /ground_truth')
     graph.wait_for('association', 'WARN', 'no estimate yet, no ground truth yet')
     graph.wait_for('accuracy', 'WARN', 'no pairs yet')
@@ -170,12 +169,12 @@ def test_two_publishers_of_a_stream_are_named(graph, another, ros, evaluator, fl
     graph.wait_for('streams', 'OK', 'running')
 
 
-def test_two_evaluators_of_one_name_are_told(graph, evaluator):
+def test_two_evaluators_of_one_name_are_told(graph, evaluator, process):
     evaluator()
-    second = evaluator()
+    second = process()
     graph.wait_for('streams', 'WARN', 'there is another /vio_evaluator')
-    second.stop()
     graph.processes.remove(second.process)
+    second.stop()
     graph.wait_until(
         lambda: 'another' not in graph.statuses['streams'].message, 'the one that is left'
     )
@@ -194,7 +193,7 @@ def test_a_vehicle_that_stands_still_tells_nothing_yet(graph, ros, evaluator, fl
 
 
 def test_an_estimator_that_dies_is_told(graph, ros, evaluator, flight):
-    evaluator('stale_after_s:=3.0')
+    evaluator('stale_after_s:=1.0')
     estimate, truth = graph.both()
     ros.send(estimate, flight.estimate[:100])
     ros.send(truth, flight.ground_truth)
@@ -206,28 +205,28 @@ def test_an_estimator_that_dies_is_told(graph, ros, evaluator, flight):
 def test_a_queue_that_was_full_is_told_of_the_run_that_it_was_in(
     graph, ros, evaluator, flight, tmp_path
 ):
-    depth = 'qos_overrides./estimate.subscription.depth:=50'
-    node = evaluator(depth, f'report_dir:={tmp_path}')
+    node = evaluator('qos_overrides./estimate.subscription.depth:=50', f'report_dir:={tmp_path}')
     estimate, truth = graph.both()
-    node.tell(signal.SIGSTOP)
+    # the node does not look meanwhile: of these the last 50 are there when it does
     ros.send(estimate, flight.estimate)
-    node.tell(signal.SIGCONT)
     ros.send(truth, flight.ground_truth)
-    graph.wait_for('streams', 'WARN', '/estimate: the queue was full 1 time')
+    graph.wait_for('streams', 'WARN', '/estimate: the queue was full 1 time', estimate_received=50)
     graph.call('reset')
     for part in range(0, 400, 20):
         ros.send(estimate, later(flight.estimate[part : part + 20], 20))
-        said = graph.statuses['streams'].values
-        received = int(said['estimate_received']) + 20
-        graph.wait_for('streams', 'any', estimate_received=received)
+        graph.wait_for('streams', 'any', estimate_received=50 + part + 20)
     ros.send(truth, later(flight.ground_truth, 20))
     graph.wait_for('association', 'OK', pairs=381)
     node.stop()
-    told = [
+    warnings = [
         json.loads((tmp_path / run / 'result.json').read_text())['warnings']
         for run in ('run_0001', 'run_0002')
     ]
-    assert [any('queue was full' in warning for warning in run) for run in told] == [True, False]
+    told = [[line for line in lines if 'queue was full' in line] for lines in warnings]
+    assert told == [
+        ['estimate: /estimate: the queue was full 1 time, and may have lost messages'],
+        [],
+    ]
 
 
 def test_a_quality_of_service_that_nobody_offers_is_named(graph, ros, evaluator, flight):

@@ -75,9 +75,11 @@ class Evaluator(Node):
         with _naming('ground_truth_file'):
             truth = read_sources([file])[0] if file else None
         self._estimate = PoseTopic(self, 'estimate', self._settings.estimate_type)
-        self._topics = [self._estimate]
-        if truth is None:
-            self._topics.append(PoseTopic(self, 'ground_truth', self._settings.ground_truth_type))
+        # made for its parameters also where a file takes its place
+        truth_topic = PoseTopic(
+            self, 'ground_truth', '' if file else self._settings.ground_truth_type
+        )
+        self._topics = [self._estimate] if file else [self._estimate, truth_topic]
         refuse_unknown(self)
         if len({topic.topic for topic in self._topics}) < len(self._topics):
             raise ConfigError(f'estimate and ground_truth are both {self._estimate.topic}')
@@ -101,6 +103,12 @@ class Evaluator(Node):
         """Create a publisher without handlers of events: each would cost at every wake-up."""
         without = PublisherEventCallbacks(use_default_callbacks=False)
         return super().create_publisher(*given, **{'event_callbacks': without, **options})
+
+    def destroy_node(self) -> None:
+        """Leave the graph."""
+        for topic in self._topics:
+            topic.close()
+        super().destroy_node()
 
     @property
     def exit_status(self) -> int:

@@ -140,6 +140,10 @@ class PoseTopic:
     def _jump(self) -> TimeJump | None:
         return self.queue.jumps[0] if self.queue.jumps else None
 
+    def close(self) -> None:
+        """Count no more events: that keeps the subscription in the graph."""
+        self._events.clear()
+
     def discover(self) -> None:
         """Look at the publishers and at what was lost; subscribe when the type is known."""
         self._count_events()
