@@ -25,7 +25,7 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
 from vio_eval_ros.recordings.playback import Playback
-from vio_eval_ros.recordings.storage import Offer
+from vio_eval_ros.recordings.storage import OfferedQos
 
 SHARE = Path(__file__).resolve().parents[1]
 SENSORS = ('/imu0', '/cam0/image_raw', '/cam1/image_raw')
@@ -75,7 +75,8 @@ def player_and_evaluator(context: LaunchContext) -> list[LaunchDescriptionEntity
     recording = Path(given['recording'])
     with Playback(recording) as playback:
         recorded = {topic.name for topic in playback.topics if topic.count}
-        reliable = {topic for topic in recorded if playback.offers.get(topic, Offer()).reliable}
+        offers = {topic: playback.offers.get(topic, OfferedQos()) for topic in recorded}
+        reliable = {topic for topic, offer in offers.items() if offer.reliable}
     truth = given['ground_truth'] or next((topic for topic in TRUTHS if topic in recorded), '')
     if given['ground_truth_file']:
         truth = ''

@@ -46,7 +46,7 @@ def test_a_number_with_an_exponent_needs_no_point(tmp_path, text, value):
 @pytest.mark.parametrize(
     ('text', 'problem'),
     [
-        ('a: 1\nb:\n  a: 1\n  a: 2\n', "line 4: 'a' is there already"),
+        ('a: 1\nb:\n  a: 1\n  a: 2\n', "line 4: 'a' is given twice"),
         ('a: &x [1]\nb: *x\n', 'line 2: aliases are not allowed'),
         ('a:\n- &x 1\n- *x\n', 'line 2: aliases are not allowed'),
         ('a: 1\nb: !!set {x}\n', 'line 2: not valid YAML: tag:yaml.org,2002:set'),

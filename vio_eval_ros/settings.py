@@ -1,4 +1,4 @@
-"""What users write in YAML: options, gates, suites; with the line of whatever is wrong in it."""
+"""What users write in YAML: options, gates, suites; errors give the line."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PLAIN_TAGS = ('tag:yaml.org,2002:map', 'tag:yaml.org,2002:seq')
 
 class Section(dict[str, Any]):
     """
-    A mapping that a user wrote, and knows where.
+    A mapping that a user wrote, and where each of its keys stands.
 
     :param place: where it begins, such as ``line 3``.
     """
@@ -33,7 +33,7 @@ class Section(dict[str, Any]):
         self.places: dict[str, str] = {}
 
     def error(self, key: str, problem: object) -> ConfigError:
-        """Return the error that something is wrong with a key, or with its absence."""
+        """Return the error for a problem with a key, or with its absence."""
         place = self.places.get(key, self.place)
         return ConfigError(
             f'{self.file}: {place}: {problem}' if place else f'{self.file}: {problem}'
@@ -43,7 +43,7 @@ class Section(dict[str, Any]):
         """
         Check that no key is unknown.
 
-        :raises ConfigError: one is; the message has its line and the nearest key that exists.
+        :raises ConfigError: a key is unknown; with its line and the nearest key that exists.
         """
         for key in self:
             if key not in known:
@@ -129,7 +129,7 @@ def parse_yaml(text: str, file: Path, place: str = '') -> Any:
             if not isinstance(key, str):
                 raise ReadError(file, f"{at}: expected a name, not '{key}'")
             if key in section:
-                raise ReadError(file, f"{at}: '{key}' is there already")
+                raise ReadError(file, f"{at}: '{key}' is given twice")
             section.places[key] = at
             section[key] = content(value, at)
         return section
@@ -144,7 +144,7 @@ def parse_yaml(text: str, file: Path, place: str = '') -> Any:
 
 
 def finite(value: Any) -> float:
-    """Return a number that a user gave, NaN for what is none."""
+    """Return a number that a user gave; NaN if it is not a finite number."""
     try:
         number = float('nan' if isinstance(value, bool) else value)
     except (TypeError, ValueError, OverflowError):
@@ -189,7 +189,7 @@ def gates_in(section: Section) -> list[Gate]:
 
 def limits_of(kind: type[Kind], verb: str, profile: str, path: Path | None = None) -> Kind:
     """
-    Return the limits of a profile, with those in a YAML file in their place.
+    Return the limits of a profile, replaced by those in a YAML file.
 
     One file serves all verbs: ``{diagnose: {name: number}, inspect: {name: number}}``.
 

@@ -410,7 +410,7 @@ def test_what_cannot_be_done_is_one_line(flight, tmp_path):
 def test_an_imu_topic_that_is_not_there_is_told_with_what_to_write(tmp_path):
     path = tmp_path / 'run.mcap'
     write_recording(simulate(duration_s=5.0, imu_noise=EUROC), path)
-    advice = 'there is no such topic; write --imu'
+    advice = 'there is no such topic; choose --imu'
     assert f'{advice} /imu0 (1000 messages)' in complaint(path, '--imu', '/imu')
     assert f'{advice} {path}:/imu0 (1000' in complaint(path, '--imu', f'{path}:/imu')
     write_recording(simulate(duration_s=5.0), tmp_path / 'without.mcap')

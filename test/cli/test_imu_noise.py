@@ -93,7 +93,7 @@ def test_a_unit_can_be_stated(file):
         (['missing.csv'], 'missing.csv'),
         (
             ['{recording}', '--topic', '/imu'],
-            'no such topic; write --topic /imu0 (90000 messages)',
+            'no such topic; choose --topic /imu0 (90000 messages)',
         ),
         (['{recording}', '--report', 'jpg:allan.jpg'], 'a format of html, json, kalibr, png'),
         (['{recording}', '--report', 'png:{recording}/none/allan.png'], 'there is no folder'),

@@ -22,7 +22,7 @@ import verbs
 from verbs import start
 from vio_eval_ros.cli import inspect as verb
 from vio_eval_ros.inspection.findings import FINDINGS
-from vio_eval_ros.recordings.bags import Recording
+from vio_eval_ros.recordings.recording import Recording
 
 ROOT = Path(__file__).resolve().parents[2]
 EUROC = ROOT / 'config' / 'euroc.yaml'

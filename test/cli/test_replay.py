@@ -299,7 +299,7 @@ def test_wrong_arguments_are_one_line_and_status_2(arguments, problem):
         ('a: [', 'not valid YAML'),
         ('!!python/object/apply:os.system [echo hacked]', 'not valid YAML'),
         ('\x00', 'not valid YAML'),
-        ('{max_gap_s: 1, max_gap_s: 2}', "line 1: 'max_gap_s' is there already"),
+        ('{max_gap_s: 1, max_gap_s: 2}', "line 1: 'max_gap_s' is given twice"),
         ('rpe_deltas: &a [1f]\nsegment_lengths_m: *a', 'line 2: aliases are not allowed'),
         ('max_gap_s: ' + '9' * 400, 'is not a finite number'),
         ('/**: {ros__parameters: 3}', 'no mapping ros__parameters'),

@@ -11,8 +11,8 @@ from rosbags.typesys import get_types_from_msg, get_typestore, Stores
 
 from vio_eval_ros.errors import ReadError, UnsupportedMessage
 from vio_eval_ros.recordings import decoder, imu
-from vio_eval_ros.recordings.bags import Recording
 from vio_eval_ros.recordings.imu import read_imu
+from vio_eval_ros.recordings.recording import Recording
 
 FIRST_NS = 1_403_636_579_763_555_584
 IMU = 'sensor_msgs/msg/Imu'
@@ -146,7 +146,7 @@ def test_messages_of_another_definition_are_read_by_the_names_of_their_fields(tm
 
 def test_of_two_imus_one_is_to_be_named(tmp_path):
     path = write(tmp_path / 'run', 'mcap', {'/imu0': made(), '/imu1': made(30)})
-    advice = r'write --topic /imu0 \(60 messages\) or --topic /imu1 \(30 messages\)$'
+    advice = r'choose --topic /imu0 \(60 messages\) or --topic /imu1 \(30 messages\)$'
     with pytest.raises(ReadError, match=advice):
         read(path)
     with pytest.raises(ReadError, match=advice.replace('--topic ', '--imu run:')):
@@ -156,7 +156,7 @@ def test_of_two_imus_one_is_to_be_named(tmp_path):
 
 def test_a_topic_that_is_not_there_or_no_imu_is_refused_by_name(tmp_path, leica_recording):
     path = write(tmp_path / 'run', 'mcap', {'/imu0': made()})
-    with pytest.raises(ReadError, match='no such topic; write --topic /imu0'):
+    with pytest.raises(ReadError, match='no such topic; choose --topic /imu0'):
         read(path, '/imu')
     with pytest.raises(UnsupportedMessage, match='carries geometry_msgs/msg/PoseStamped'):
         read(leica_recording, '/vio/pose')
@@ -277,7 +277,7 @@ def test_a_csv_is_read_in_blocks_and_errors_name_the_line(tmp_path, monkeypatch)
         ('', 'is empty'),
         ('# nothing\n', 'no rows of numbers'),
         ('1,2,3,4\n2,3,4,5\n', 'has 4 columns'),
-        ('time,a,b,c,d,e,f\n1,2,3,4,5,6,7\n', 'not known; name them time, gx'),
+        ('time,a,b,c,d,e,f\n1,2,3,4,5,6,7\n', 'not recognised; name them time, gx'),
     ],
 )
 def test_what_is_no_csv_of_an_imu_is_an_error(tmp_path, content, problem):

@@ -19,9 +19,9 @@ from rosbags.rosbag2 import Writer as Rosbag2Writer
 from rosbags.typesys import get_typestore, Stores
 
 from vio_eval_ros.errors import ReadError
-from vio_eval_ros.recordings import asl
+from vio_eval_ros.recordings import euroc
 from vio_eval_ros.recordings.playback import Playback
-from vio_eval_ros.recordings.storage import Offer
+from vio_eval_ros.recordings.storage import OfferedQos
 from vio_eval_ros.simulation import simulate, write_recording
 
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
@@ -146,12 +146,12 @@ def test_offers_are_those_of_the_recorded_publishers(tmp_path, plugin):
             writer.write(connection, 1, b'\0\1\0\0\1\0\0\0\0')
     with Playback(tmp_path / 'run') as playback:
         names = [topic.name for topic in playback.topics]
-        offers = {name: playback.offers.get(name, Offer()) for name in names}
+        offers = {name: playback.offers.get(name, OfferedQos()) for name in names}
     assert offers == {
-        '/sensor': Offer(reliable=False, depth=5),
-        '/map': Offer(latched=True, depth=1),
-        '/unknown': Offer(),
-        '/none': Offer(),
+        '/sensor': OfferedQos(reliable=False, depth=5),
+        '/map': OfferedQos(latched=True, depth=1),
+        '/unknown': OfferedQos(),
+        '/none': OfferedQos(),
     }
 
 
@@ -277,9 +277,9 @@ def test_a_row_that_is_none_is_named(folder, sequence, row):
         played(folder)
 
 
-@pytest.mark.parametrize('name', asl.SENSORS)
+@pytest.mark.parametrize('name', euroc.SENSORS)
 def test_every_sensor_makes_messages_of_the_type_that_it_names(folder, name):
-    sensor = asl.SENSORS[name]
+    sensor = euroc.SENSORS[name]
     messages = decoded(folder, sensor.topic)
     assert all(message.header.frame_id == sensor.frame for _, message in messages)
     assert {message.__msgtype__ for _, message in messages} == {sensor.msgtype}

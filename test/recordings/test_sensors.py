@@ -109,7 +109,7 @@ def test_a_length_that_leads_out_of_a_message_is_damage(tmp_path):
     with Rosbag2Writer(tmp_path / 'run', version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connection = writer.add_connection('/image', 'sensor_msgs/msg/Image', typestore=store)
         writer.write(connection, 5, b'\0\1\0\0' + bytes(8) + b'\xff' * 4)
-    with pytest.raises(ReadError, match='/image: its message 1 is damaged'):
+    with pytest.raises(ReadError, match='/image: message 1 is damaged'):
         read_sensors(tmp_path / 'run')
 
 
@@ -193,7 +193,7 @@ def test_a_stamp_that_is_too_large_is_told_with_its_line(tmp_path):
     folder = tmp_path / 'mav0' / 'cam0'
     folder.mkdir(parents=True)
     folder.joinpath('data.csv').write_text('5,5.png\n99999999999999999999,6.png\n')
-    with pytest.raises(ReadError, match='line 2 is no stamp'):
+    with pytest.raises(ReadError, match=r'line 2: .*too large to be a stamp'):
         read_sensors(tmp_path)
 
 

@@ -62,14 +62,14 @@ def test_an_absolute_path_is_no_topic(tum):
 def test_what_cannot_be_stated_is_refused_with_what_can():
     with pytest.raises(ConfigError, match='quaternion, stamps, invert'):
         Spec.parse('est.txt?quaternio=wxyz')
-    with pytest.raises(ConfigError, match=r"quaternion is xyzw or wxyz, not 'wxzy'"):
+    with pytest.raises(ConfigError, match=r"quaternion must be xyzw or wxyz, not 'wxzy'"):
         Spec.parse('est.txt?quaternion=wxzy')
 
 
 def test_what_says_nothing_of_a_source_cannot_be_stated_of_it(tum):
-    with pytest.raises(ConfigError, match='quaternion cannot be stated of a topic'):
+    with pytest.raises(ConfigError, match='quaternion does not apply to a topic'):
         Spec.parse('/vio/odometry?quaternion=wxyz')
-    with pytest.raises(ConfigError, match='revision cannot be stated of a file'):
+    with pytest.raises(ConfigError, match='revision does not apply to a file'):
         Spec.parse(f'{tum}?revision=causal')
 
 
@@ -184,15 +184,20 @@ def test_too_few_columns_are_counted(tmp_path, columns):
 
 
 def test_a_folder_without_a_trajectory_says_what_is_looked_for(tmp_path):
-    with pytest.raises(ReadError, match=r'no recording .* no EuRoC sequence'):
+    with pytest.raises(ReadError, match=r'neither a rosbag2 folder .* nor a EuRoC sequence'):
         read(str(tmp_path))
 
 
 def test_a_topic_needs_a_recording_and_a_recording_a_topic(shared_data):
-    with pytest.raises(ReadError, match='a topic needs a RECORDING'):
+    with pytest.raises(ReadError, match='for a topic, give the RECORDING first'):
         read('/vio/odometry')
-    with pytest.raises(ReadError, match='say which topic'):
+    with pytest.raises(ReadError, match='name a topic in it'):
         read(str(shared_data / 'derived_bags/euroc_V1_02_vins_fusion.bag'))
+
+
+def test_a_recording_without_poses_offers_no_choice(shared_data):
+    with pytest.raises(ReadError, match=r'no-messages.bag: no topic has poses$'):
+        default_topics(shared_data / 'bags/rosbag_js/no-messages.bag')
 
 
 def test_the_only_sensible_pair_of_a_recording_is_found(tmp_path):
@@ -201,7 +206,10 @@ def test_the_only_sensible_pair_of_a_recording_is_found(tmp_path):
     assert default_topics(path) == ('/vio/odometry', '/ground_truth/pose')
     assert default_topics(path, estimate='/tf:a.b') == ('/tf:a.b', '/ground_truth/pose')
     assert default_topics(path, ground_truth='gt.txt') == ('/vio/odometry', 'gt.txt')
-    with pytest.raises(ReadError, match=r'/vio/odometry \(nav_msgs/msg/Odometry, 20\)'):
+    with pytest.raises(
+        ReadError,
+        match=r'choose topics with --estimate .* /vio/odometry \(nav_msgs/msg/Odometry, 20\)',
+    ):
         default_topics(path, ground_truth='/vio/odometry')
 
 

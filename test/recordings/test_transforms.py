@@ -171,7 +171,7 @@ def test_frames_may_contain_dots(parent, child):
 
 def test_names_that_can_be_split_in_two_ways_are_refused():
     built = tree([*moving('a', 'b.c', [1]), *moving('a.b', 'c', [1])])
-    with pytest.raises(ReadError, match=r'not PARENT\.CHILD of two known frames'):
+    with pytest.raises(ReadError, match=r'expected PARENT\.CHILD of two known frames'):
         built.lookup('a.b.c')
 
 

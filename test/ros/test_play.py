@@ -19,8 +19,8 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.typesys import get_typestore, Stores
 
-from vio_eval_ros.recordings.bags import Recording
 from vio_eval_ros.recordings.playback import Playback
+from vio_eval_ros.recordings.recording import Recording
 
 pytest.importorskip('rclpy', reason='needs ROS 2: pip install ".[ros]"')
 

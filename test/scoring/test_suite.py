@@ -291,7 +291,7 @@ GLOB = 'runs/one/*.tum'
         ),
         ('gt.tum', 'runs/one/*', 'line 7: ground_truth: one is expected, not 2'),
         ('tags: [hard]', 'tags: [1]', 'line 13: tags: a list of texts is expected'),
-        ('tags: [hard]', 'tags: a\n    tags: b', "line 14: 'tags' is there already"),
+        ('tags: [hard]', 'tags: a\n    tags: b', "line 14: 'tags' is given twice"),
         (BOUNDS, '0.3', 'line 2: gate ate_trans_rmse_m: give its limits'),
         (BOUNDS, '[]', 'line 2: gate ate_trans_rmse_m: give its limits'),
         (BOUNDS, '{max: low}', "line 2: gate ate_trans_rmse_m: 'low' is not a finite number"),
@@ -423,7 +423,7 @@ def test_a_name_with_a_dot_can_be_set_too(folder):
         ('sequences.two=3', 'NAME one of one, two'),
         ('sequences.two.name=one', "--set 'sequences.two.name=one': there are two sequences"),
         ('gates.ate_trans_rmse_m.max=low', "'low' is not a finite number"),
-        ('gates={a: {max: 1}, a: {max: 2}}', "2}}': 'a' is there already"),
+        ('gates={a: {max: 1}, a: {max: 2}}', "2}}': 'a' is given twice"),
     ],
 )
 def test_what_cannot_be_set_is_named_with_the_option(folder, override, problem):

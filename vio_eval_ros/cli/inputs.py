@@ -23,13 +23,15 @@ def add_inputs(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         '--estimate',
         metavar='SPEC',
-        help='/topic, /tf:PARENT.CHILD, a file, or RECORDING:/topic; what is '
-        'unusual in it behind a ?: quaternion=wxyz, stamps=ns, invert=pose '
-        '(default: the only one there is)',
+        help='/topic, /tf:PARENT.CHILD, a file, or RECORDING:/topic; append conventions '
+        "after '?': quaternion=wxyz, stamps=ns, invert=pose (default: the only one there is)",
     )
     parser.add_argument('--ground-truth', metavar='SPEC', help='the same for the ground truth')
     parser.add_argument(
-        '--times', type=Path, metavar='FILE', help='the stamps [s] of KITTI pose files, one a line'
+        '--times',
+        type=Path,
+        metavar='FILE',
+        help='the stamps [s] of KITTI pose files, one per line',
     )
 
 

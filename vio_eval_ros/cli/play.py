@@ -133,7 +133,7 @@ def _publish(playback: Playback, options: argparse.Namespace, ros_arguments: lis
     end_ns = start_ns + round(length_s * 1e9)
 
     try:
-        from vio_eval_ros.recordings.storage import Offer
+        from vio_eval_ros.recordings.storage import OfferedQos
         from vio_eval_ros.ros.player import message_class, Publication, running
     except ImportError as error:
         raise without_ros(error) from None
@@ -143,7 +143,7 @@ def _publish(playback: Playback, options: argparse.Namespace, ros_arguments: lis
         if known is None:
             _say(f'{topic.name}: {topic.msgtype} is not installed; left out')
             continue
-        offer = playback.offers.get(topic.name, Offer())
+        offer = playback.offers.get(topic.name, OfferedQos())
         publications.append(Publication(topic.name, new_names[topic.name], known, offer))
     if not publications:
         raise VioEvalError('nothing to play: none of the topics can be published')

@@ -1,13 +1,13 @@
 """
 Poses straight from serialised messages, a whole block of messages at a time.
 
-Only for speed: what is returned equals, bit for bit, what rosbags deserialises and
-:mod:`~vio_eval_ros.recordings.messages` converts. What is unusual gives None, and goes that way.
-That the text of frame ids is UTF-8 is not checked.
+Only for speed: the result equals, bit for bit, what rosbags deserialises and
+:mod:`~vio_eval_ros.recordings.messages` converts. Unusual messages give None, and go that way.
+Whether frame ids are UTF-8 is not checked.
 
 A pose message is a header (stamp, frame id), perhaps a child frame id, and then doubles. CDR
 (OMG DDS-XTypes, encoding 1) aligns each value to its size, counted from the end of a 4-byte
-preamble that tells the byte order. ROS 1 aligns nothing and begins the header with a counter.
+preamble that gives the byte order. ROS 1 aligns nothing and begins the header with a counter.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ def columns(
     try:
         block = _Block(b''.join(messages), starts, ros1)
         stamps, numbers, read = block.records(block.begin, layout)
-    except (IndexError, ValueError):  # a length points out of the block
+    except (IndexError, ValueError):  # a length points outside the block
         return None
     return (stamps, numbers) if block.ends_at(ends, read) else None
 

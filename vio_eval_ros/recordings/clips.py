@@ -1,4 +1,4 @@
-"""Small mcaps cut out of a recording, as ROS 2 messages."""
+"""Short mcap files cut out of a recording, as ROS 2 messages."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ class Clips:
     """
     A recording from which clips are cut; ``playback`` is open and stays so.
 
-    ``left_out`` has a sentence for each topic that clips do not have: those that cannot be played,
-    and those whose definition is not known.
+    ``left_out`` has a sentence for each topic that is not in the clips, since it cannot be played
+    or its definition is not known.
     """
 
     def __init__(self, playback: Playback) -> None:
@@ -32,7 +32,7 @@ class Clips:
 
     def cut(self, begin_ns: int, end_ns: int) -> tuple[bytes, int]:
         """
-        Return an mcap of the messages recorded from one time to another, and how many they are.
+        Return an mcap of the messages recorded from one time to another, and their number.
 
         :raises ReadError: a recording that is damaged there.
         """

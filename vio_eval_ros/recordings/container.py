@@ -20,13 +20,13 @@ from vio_eval_ros.recordings.storage import (
     MCAP_MAGIC,
     McapStorage,
     merged,
-    Offer,
+    OfferedQos,
     Recorded,
     RosbagsStorage,
     Storage,
 )
 
-# The first bytes of each kind of file, the suffix it must have, its name, and how to mend it.
+# The first bytes of each kind of file, the suffix it must have, its name, and how to repair it.
 _FILES = {
     'ros1': (b'#ROSBAG V2.0\n', '.bag', 'a ROS 1 bag', '`rosbag reindex`'),
     'rosbag2': (b'SQLite format 3\0', '.db3', 'an SQLite recording', '`sqlite3 FILE .recover`'),
@@ -61,10 +61,10 @@ class Container:
     A ROS 1 bag, a rosbag2 folder or a bare .db3 or .mcap, open for reading; a context manager.
 
     ``kind`` is 'ros1', 'rosbag2' (a bare .db3 too) or 'mcap', ``paths`` are the storage files that
-    make it up, in the order in which they were recorded, ``topics`` lists what there is, by name.
+    make it up, in the order in which they were recorded, ``topics`` lists its topics by name.
 
-    :raises ReadError: where there is no recording at ``path`` or it cannot be read, with the
-        reason and what to do.
+    :raises ReadError: there is no recording at ``path`` or it cannot be read; the message says
+        why and what to do.
     """
 
     def __init__(self, path: Path) -> None:
@@ -111,14 +111,14 @@ class Container:
         ends = [span for span in spans if span]
         return (min(first for first, _ in ends), max(last for _, last in ends)) if ends else None
 
-    def offers(self) -> dict[str, Offer]:
+    def offers(self) -> dict[str, OfferedQos]:
         """Return what all publishers of each topic offered; the default where that is unknown."""
-        offers: dict[str, list[Offer]] = defaultdict(list)
+        offers: dict[str, list[OfferedQos]] = defaultdict(list)
         for storage in self._storages:
             with reading(storage.path):
                 for topic, found in storage.offers().items():
                     offers[topic] += found
-        return {topic: Offer.common(found) for topic, found in offers.items()}
+        return {topic: OfferedQos.common(found) for topic, found in offers.items()}
 
     def messages(
         self, names: set[str], begin_ns: int | None = None, end_ns: int | None = None
@@ -161,7 +161,7 @@ def rosbag2_files(path: Path) -> tuple[tuple[Path, ...], bool]:
         raise ReadError(
             path,
             'is not a rosbag2 folder, it has no metadata.yaml; name one of its .db3 or .mcap '
-            'files, or let `ros2 bag reindex` write it',
+            'files, or write it with `ros2 bag reindex`',
         )
     with reading(metadata):
         content = YAML(typ='safe', pure=True).load(metadata)['rosbag2_bagfile_information']
@@ -171,7 +171,7 @@ def rosbag2_files(path: Path) -> tuple[tuple[Path, ...], bool]:
 
 
 def identify(path: Path, compressed: bool) -> str:
-    """Return the kind of a storage file, after its content and its name, which must agree."""
+    """Return the kind of a storage file by its content and its suffix, which must agree."""
     with path.open('rb') as stream:
         begin = stream.read(100)
     if not begin:
@@ -191,7 +191,7 @@ def identify(path: Path, compressed: bool) -> str:
         )
     if not found:
         name = _FILES[named][2]
-        raise ReadError(path, f'does not begin as {name} does; it is damaged or something else')
+        raise ReadError(path, f'does not begin like {name}; it is damaged or something else')
     return found
 
 
@@ -203,7 +203,7 @@ def open_storage(path: Path, kind: str, stack: ExitStack) -> Storage:
 
 def unreadable(source: object, error: Exception) -> ReadError:
     """
-    Return what to tell the user of an exception on the way to the bytes.
+    Return the error for the user when reading the bytes of a source failed.
 
     Recordings come from anywhere, and on damaged ones the libraries raise nearly anything:
     struct.error, KeyError, AssertionError, UnicodeDecodeError, zstd's and SQLite's errors, and
@@ -219,14 +219,14 @@ def unreadable(source: object, error: Exception) -> ReadError:
     reason = ' '.join(str(error).split()) or type(error).__name__
     if isinstance(error, KeyError):
         reason = f'no entry {reason}'
-    mends = [row[3] for row in _FILES.values() if str(source).endswith(row[1])]
-    rescue = f'; {mends[0]} may save what is left' if mends else ''
+    repairs = [row[3] for row in _FILES.values() if str(source).endswith(row[1])]
+    rescue = f'; {repairs[0]} may save what is left' if repairs else ''
     return ReadError(source, f'is damaged or was cut short ({reason}){rescue}')
 
 
 @contextmanager
 def reading(source: object) -> Iterator[None]:
-    """Turn what is raised on the way to the bytes of a source into a ``ReadError``."""
+    """Turn what libraries raise while they read a source into a ``ReadError``."""
     try:
         yield
     except Exception as error:

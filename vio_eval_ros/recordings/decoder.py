@@ -22,9 +22,8 @@ class Decoder:
     """
     Turns the raw bytes of one topic into messages, or into columns of numbers.
 
-    ``ros1`` says how they are serialised, ``is_standard`` whether the definition of their type is
-    the one that ROS has, ``is_known`` whether there is any, and ``has_header`` whether they begin
-    with a header.
+    ``ros1`` says how they are serialised, ``is_standard`` whether their type is defined as in ROS,
+    ``is_known`` whether it is defined at all, and ``has_header`` whether they begin with a header.
     """
 
     def __init__(self, source: str, channel: Channel) -> None:

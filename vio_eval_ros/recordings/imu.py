@@ -1,4 +1,4 @@
-"""Samples of an IMU from recordings and CSV files, a block at a time, whatever their length."""
+"""Samples of an IMU from recordings and CSV files of any length, a block at a time."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 
 from vio_eval_ros.errors import ReadError, UnsupportedMessage
-from vio_eval_ros.recordings.bags import Recording
 from vio_eval_ros.recordings.cdr import columns, Layout
 from vio_eval_ros.recordings.container import reading, Topic
 from vio_eval_ros.recordings.decoder import Blocks, Decoder
 from vio_eval_ros.recordings.progress import Progress, silent
+from vio_eval_ros.recordings.recording import Recording
 from vio_eval_ros.recordings.rows import BadRow, parse, per_second, Rows, STAMP_UNITS
 from vio_eval_ros.recordings.text import split_header
 
 IMU = 'sensor_msgs/msg/Imu'
-# orientation, angular velocity and linear acceleration, each before its covariance
+# orientation, angular velocity and linear acceleration, each followed by its covariance
 LAYOUT = Layout(strings=1, doubles=37, pose_doubles=28)
-SAMPLE = [13, 14, 15, 25, 26, 27]  # the velocity and the acceleration among those
+SAMPLE = [13, 14, 15, 25, 26, 27]  # the angular velocity and the acceleration among them
 SUFFIXES = ('.csv', '.txt')
 TEXT_BYTES = 1 << 20
-# where a folder of EuRoC's has its IMU
+# where EuRoC's folders have the IMU
 FILES = ('data.csv', 'imu0/data.csv', 'mav0/imu0/data.csv')
 BOM = b'\xef\xbb\xbf'
-# beginnings and ends of the names of columns, and what is in brackets behind them
+# beginnings and ends of the names of columns, and the units in brackets after them
 KINDS = {'gyro': '(w|g|ang|omega|rot)(?!rav).*[xyz]', 'accel': '(a(?!ng)|lin|force|f_).*[xyz]'}
 UNITS = {
     'gyro': {'rad/s': r'[\[(].*rad', 'deg/s': r'[\[(].*(deg|°|dps)'},
@@ -44,7 +44,7 @@ class ImuSource(NamedTuple):
     """
     Where samples were read from.
 
-    :param topic: None of a file.
+    :param topic: None for a file.
     :param units: of 'gyro' and 'accel', where the header of a file states them.
     """
 
@@ -66,16 +66,16 @@ def read_imu(
     """
     Hand all samples of an IMU to a sink, in blocks and as they were recorded.
 
-    :param path: a recording, a CSV file, or a folder of EuRoC's with an ``imu0``.
+    :param path: a recording, a CSV file, or a EuRoC folder with an ``imu0``.
     :param topic: of the recording; None for the only one with IMU messages.
-    :param option: what a user writes in front of a topic, for the advice in errors.
-    :raises ReadError: what cannot be read, is damaged or has no such topic; a file whose columns
-        are not known.
+    :param option: the option that selects a topic, for the advice in errors.
+    :raises ReadError: it cannot be read, is damaged or has no such topic; the columns of a file
+        are not recognised.
     """
     files = [path / name for name in FILES if (path / name).is_file()]
     if files or path.suffix.lower() in SUFFIXES:
         if topic is not None:
-            raise ReadError(path, f'is not a recording and has no topic {topic}')
+            raise ReadError(path, f'is a text file; it has no topic {topic}')
         return _read_csv(files[0] if files else path, sink, progress)
     with Recording(path) as recording:
         found = _imu_topic(recording, topic, option)
@@ -87,7 +87,9 @@ def _imu_topic(recording: Recording, name: str | None, option: str) -> Topic:
     """Return the topic of this name, or the only one with IMU messages."""
     found = {topic.name: topic for topic in recording.topics if topic.msgtype == IMU}
     filled = [topic for topic in found.values() if topic.count]
-    choice = 'write ' + ' or '.join(f'{option}{one.name} ({one.count} messages)' for one in filled)
+    choice = 'choose ' + ' or '.join(
+        f'{option}{one.name} ({one.count} messages)' for one in filled
+    )
     if not filled:
         choice = f'the recording has no {"messages" if found else "topic"} of type {IMU}'
     path = recording.path
@@ -116,7 +118,7 @@ def _read_topic(recording: Recording, topic: Topic, sink: Sink, progress: Progre
 
 def samples(messages: list[bytes], decoder: Decoder) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return what serialised messages of an IMU hold.
+    Return the samples in serialised messages of an IMU.
 
     :return: (N,) int64 nanoseconds, and (N, 6) gyroscope x y z, accelerometer x y z.
     :raises ReadError: messages that are damaged.
@@ -167,7 +169,7 @@ def _read_csv(path: Path, sink: Sink, progress: Progress) -> ImuSource:
                     continue
                 width = rows.values.shape[1]
                 if width <= max(named.samples):
-                    raise ReadError(path, f'has {width} columns; needed are {", ".join(NAMES)}')
+                    raise ReadError(path, f'has {width} columns; expected {", ".join(NAMES)}')
                 unit = unit or _stamp_unit(rows.values[:, 0])
                 sink(rows.nanoseconds(path, unit), rows.values[:, named.samples])
     except OSError as error:
@@ -184,7 +186,7 @@ def _blocks(file: BinaryIO) -> Iterator[bytes]:
 
 
 def _rows(path: Path, block: bytes, width: int, line: int) -> Rows | None:
-    """Return the numbers of a block, which ``line`` lines are in front of."""
+    """Return the rows of a block that comes after ``line`` lines."""
     if not block.endswith(b'\n'):
         block += b'\n'
     try:
@@ -195,7 +197,7 @@ def _rows(path: Path, block: bytes, width: int, line: int) -> Rows | None:
 
 def _named(path: Path, header: bytes) -> _Columns:
     """
-    Return what the header says of the columns; without one they are as in EuRoC's files.
+    Return what the header says of the columns; without one, they are those of EuRoC.
 
     :raises ReadError: a header that names columns, but not those of an IMU.
     """
@@ -213,7 +215,7 @@ def _named(path: Path, header: bytes) -> _Columns:
     wanted = [(kind, axis) for kind in KINDS for axis in 'xyz']
     if not found.keys() >= set(wanted):
         raise ReadError(
-            path, f'its columns {", ".join(names)} are not known; name them {", ".join(NAMES)}'
+            path, f'columns {", ".join(names)} are not recognised; name them {", ".join(NAMES)}'
         )
     units = {
         kind: unit
@@ -226,8 +228,8 @@ def _named(path: Path, header: bytes) -> _Columns:
 
 
 def _stamp_unit(stamps: np.ndarray) -> str:
-    """Return the unit of stamps, given that an IMU has 20 to 20,000 samples a second."""
-    stride = min(len(stamps) // 8 + 1, 64)  # over bursts of equal stamps
+    """Return the unit of stamps, given that an IMU has 20 to 20,000 samples per second."""
+    stride = min(len(stamps) // 8 + 1, 64)  # longer than bursts of equal stamps
     steps = np.abs(np.diff(stamps[::stride])) / stride
     step = np.median(steps) if len(steps) else 0.0
     return next(

@@ -1,8 +1,8 @@
 """
 ROS messages to poses.
 
-The messages may come from rclpy or from rosbags: both have the same fields, and none of the two
-is imported here. A further message type is one function and one line in :data:`CONVERTERS`.
+The messages may come from rclpy or from rosbags: both have the same fields, and neither is
+imported here. A further message type is one function and one line in :data:`CONVERTERS`.
 """
 
 from __future__ import annotations
@@ -73,8 +73,8 @@ def collect(msgtype: str, messages: Iterable[Any]) -> Poses:
     """
     Return the poses of messages of one type, in the order in which they arrived.
 
-    :param msgtype: a key of :data:`CONVERTERS`; the poses of several Paths come one Path behind
-        the other, for :class:`PathRevisions` to make one trajectory of.
+    :param msgtype: a key of :data:`CONVERTERS`; the poses of several Paths are concatenated,
+        for :class:`PathRevisions` to make one trajectory of.
     """
     convert = CONVERTERS[msgtype]
     return poses(*columns([row for message in messages for row in convert(message)]))
@@ -92,8 +92,8 @@ def poses(stamps_ns: np.ndarray, numbers: np.ndarray) -> Poses:
     """
     Return poses of columns of numbers.
 
-    A covariance that is no usable one is NaN: all of it zero, a variance negative (-1 says that
-    it is unknown) or a number not finite.
+    An unusable covariance is NaN: it is all zero, has a negative variance (-1 means unknown) or a
+    number that is not finite.
 
     :param stamps_ns: (N,) int64 nanoseconds.
     :param numbers: (N, 3), (N, 7) or (N, 43), as the numbers of a :data:`Row`.
@@ -107,7 +107,7 @@ def _covariances(numbers: np.ndarray) -> np.ndarray | None:
     """
     Return the (N, 2, 3, 3) position and orientation blocks of (N, 36) row-major matrices.
 
-    None where none of them is usable: most publishers leave them zero.
+    None if no matrix is usable: most publishers leave them zero.
     """
     matrices = numbers.reshape(-1, 6, 6)
     variances = np.diagonal(matrices, axis1=1, axis2=2)
@@ -124,7 +124,7 @@ class PathRevisions:
     One trajectory from the Path messages of a topic, each of which revises all of it.
 
     Of the poses with the same stamp one remains: the latest published (final, what the system made
-    of the run in the end), and the first (causal, what it knew at that moment).
+    of the run in the end), and the first (causal, what it knew at the time).
 
     :param source: what an error names, the topic for example.
     """

@@ -17,15 +17,15 @@ from types import TracebackType
 from rosbags.typesys import get_typestore, Stores
 
 from vio_eval_ros.errors import ReadError
-from vio_eval_ros.recordings.asl import AslFolder, sensors_in
 from vio_eval_ros.recordings.container import Container, reading, Topic
 from vio_eval_ros.recordings.decoder import HEADER
+from vio_eval_ros.recordings.euroc import EurocFolder, sensors_in
 from vio_eval_ros.recordings.rosbags_internals import to_cdr, Typestore
-from vio_eval_ros.recordings.storage import Channel, Offer, standard_types
+from vio_eval_ros.recordings.storage import Channel, OfferedQos, standard_types
 
 RENAMED = {'tf/msg/tfMessage': 'tf2_msgs/msg/TFMessage'}  # the name before ROS 1 Hydro
 
-Timed = tuple[int, str, bytes]  # when a message was recorded [ns], its topic and its CDR
+TimedMessage = tuple[int, str, bytes]  # when a message was recorded [ns], its topic and its CDR
 
 
 class Playback:
@@ -43,8 +43,8 @@ class Playback:
     def __init__(self, path: Path) -> None:
         with ExitStack() as stack:
             sensors = sensors_in(path)
-            self._source: AslFolder | _Converted = (
-                AslFolder(path, sensors)
+            self._source: EurocFolder | _Converted = (
+                EurocFolder(path, sensors)
                 if sensors
                 else _Converted(stack.enter_context(Container(path)))
             )
@@ -53,7 +53,7 @@ class Playback:
             self._stack = stack.pop_all()
         self.first_ns, self.last_ns = self._source.span_ns
         self.topics: list[Topic] = self._source.topics
-        self.offers: Mapping[str, Offer] = self._source.offers
+        self.offers: Mapping[str, OfferedQos] = self._source.offers
         self.warnings: list[str] = self._source.warnings
 
     def __enter__(self) -> Playback:
@@ -75,7 +75,7 @@ class Playback:
         """
         return self._source.definition(topic)
 
-    def messages(self, names: set[str], start_ns: int, end_ns: int) -> Iterator[Timed]:
+    def messages(self, names: set[str], start_ns: int, end_ns: int) -> Iterator[TimedMessage]:
         """
         Return the messages of topics recorded from ``start_ns`` to ``end_ns``, both included.
 
@@ -110,7 +110,7 @@ class _Converted:
             else:
                 self.topics += [Topic(name, *item) for item in types.items()]
 
-    def messages(self, names: set[str], start_ns: int, end_ns: int) -> Iterator[Timed]:
+    def messages(self, names: set[str], start_ns: int, end_ns: int) -> Iterator[TimedMessage]:
         """Yield the messages of topics from one time to another, both included."""
         with reading(self._container.path):
             for log_ns, channel, raw in self._container.messages(names, start_ns, end_ns):

@@ -1,4 +1,4 @@
-"""How a long read tells how far it is, without knowing of terminals."""
+"""How long reads report their progress, independent of terminals."""
 
 from collections.abc import Callable, Iterable
 from typing import Any

@@ -1,9 +1,8 @@
 """
-The streams of a recording as columns, in memory that grows with messages but not with images.
+The streams of a recording as columns; memory grows with the messages, not with their images.
 
-Of each message only its header is kept, as it stands in the raw bytes, of transforms that of the
-first; of inertial sensors and poses the numbers, too. EuRoC's folders are read without opening an
-image.
+Only the header of each message is read, from the raw bytes (of a TF message, that of its first
+transform), and the numbers of IMUs and poses. EuRoC's folders are read without opening an image.
 """
 
 from __future__ import annotations
@@ -20,19 +19,19 @@ import numpy as np
 
 from vio_eval_ros.core.sensor_stream import SensorStream
 from vio_eval_ros.errors import ReadError
-from vio_eval_ros.recordings.asl import Sensor, sensors_in, table
-from vio_eval_ros.recordings.bags import Recording
 from vio_eval_ros.recordings.container import reading
 from vio_eval_ros.recordings.decoder import Blocks, Decoder
+from vio_eval_ros.recordings.euroc import Sensor, sensors_in, table
 from vio_eval_ros.recordings.imu import IMU, samples
 from vio_eval_ros.recordings.messages import CONVERTERS, PATH
 from vio_eval_ros.recordings.progress import Progress, silent
+from vio_eval_ros.recordings.recording import Recording
 from vio_eval_ros.recordings.transforms import TF_TYPES
 
 IMAGES = ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage')
-# numbers of an IMU, and of a pose: what is behind, a covariance, is of no use here
+# numbers of an IMU and of a pose; the covariance after them is not needed here
 IMU_NUMBERS, POSE_NUMBERS = 6, 7
-# Where an IMU has no such sensor, the covariance begins with -1
+# by field; a covariance that begins with -1 says that there is no such sensor
 SENSORS = {'gyroscope': 'angular_velocity', 'accelerometer': 'linear_acceleration'}
 
 
@@ -40,7 +39,7 @@ class Sensors(NamedTuple):
     """
     What was read of a recording.
 
-    :param streams: of topics without messages, too.
+    :param streams: one for each topic, topics without messages included.
     :param left_out: a sentence for each topic that cannot be read.
     """
 
@@ -53,7 +52,7 @@ def read_sensors(path: Path, progress: Progress = silent) -> Sensors:
     Return every stream of a recording.
 
     :param path: a ROS 1 bag, a rosbag2 folder, a bare .db3 or .mcap, or an ASL folder.
-    :raises ReadError: what cannot be read, is damaged or has no message with a header.
+    :raises ReadError: it cannot be read, is damaged or has no message with a header.
     """
     folders = sensors_in(path)
     if folders:
@@ -66,7 +65,7 @@ def read_sensors(path: Path, progress: Progress = silent) -> Sensors:
         raise ReadError(path, '; '.join(['there are no messages in it', *found.left_out]))
     if not any(stream.stamps_ns is not None and len(stream) for stream in streams):
         listed = ', '.join(f'{stream.topic} ({stream.msgtype})' for stream in streams)
-        why = f'no topic has messages with a header; there are {listed}'
+        why = f'no topic has messages with a header; topics: {listed}'
         raise ReadError(path, '; '.join([why, *found.left_out]))
     return found
 
@@ -76,7 +75,15 @@ def _of_folder(folder: Path, sensor: Sensor) -> SensorStream:
     stamps_ns, numbers = table(folder, sensor)
     frames = {sensor.frame: len(stamps_ns)}
     kind = _kind(sensor.msgtype, numbers is not None)
-    return SensorStream(sensor.topic, sensor.msgtype, kind, None, stamps_ns, frames, numbers)
+    return SensorStream(
+        topic=sensor.topic,
+        msgtype=sensor.msgtype,
+        kind=kind,
+        logged_ns=None,
+        stamps_ns=stamps_ns,
+        frames=frames,
+        numbers=numbers,
+    )
 
 
 def _kind(msgtype: str, has_numbers: bool) -> str:
@@ -89,7 +96,7 @@ def _kind(msgtype: str, has_numbers: bool) -> str:
 
 
 def _of_recording(recording: Recording, progress: Progress) -> Sensors:
-    collectors: dict[str, _Collector] = {}
+    collectors: dict[str, _StreamColumns] = {}
     left_out = []
     for name, group in groupby(recording.topics, attrgetter('name')):
         topics = list(group)
@@ -104,15 +111,15 @@ def _of_recording(recording: Recording, progress: Progress) -> Sensors:
             continue
         if not decoder.is_known:
             left_out.append(
-                f'the recording has no definition of {topics[0].msgtype}: of {name} there is only '
-                'when messages were recorded'
+                f'the recording has no definition of {topics[0].msgtype}: of the messages on '
+                f'{name}, only the time of recording is known'
             )
-        collectors[name] = _Collector(name, decoder)
+        collectors[name] = _StreamColumns(name, decoder)
     recording.feed({name: [one.add] for name, one in collectors.items()}, progress)
     return Sensors([one.stream() for one in collectors.values()], left_out)
 
 
-class _Collector:
+class _StreamColumns:
     """The columns of one topic, as its messages come in."""
 
     def __init__(self, topic: str, decoder: Decoder) -> None:
@@ -124,7 +131,7 @@ class _Collector:
         self._parts: list[np.ndarray] = []
         self._lacks: tuple[str, ...] = ()
         msgtype = decoder.msgtype
-        # where the header begins: that of the first transform is behind how many there are
+        # where the header begins: the first transform comes after their number
         self._header = 0 if decoder.has_header else 4 if msgtype in TF_TYPES else None
         self._has_numbers = decoder.has_header and (
             msgtype == IMU or (msgtype in CONVERTERS and msgtype != PATH)
@@ -145,7 +152,7 @@ class _Collector:
             _, seconds, nanoseconds, length = struct.unpack_from(f'{order}IiII', raw, begin)
         name = begin + 16
         if length > len(raw) - name:
-            raise ReadError(source, f'its message {len(self._logged)} is damaged')
+            raise ReadError(source, f'message {len(self._logged)} is damaged')
         self._stamps.append(seconds * 1_000_000_000 + nanoseconds)
         if not begin:  # transforms are between many frames
             self._frames[bytes(raw[name : name + length])] += 1
@@ -156,15 +163,16 @@ class _Collector:
         """Return all messages, in the order in which they were written."""
         self._blocks.flush()
         width = IMU_NUMBERS if self._decoder.msgtype == IMU else POSE_NUMBERS
+        numbers = np.concatenate(self._parts or [np.empty((0, width))])
         return SensorStream(
-            self._topic,
-            self._decoder.msgtype,
-            _kind(self._decoder.msgtype, self._has_numbers),
-            np.array(self._logged, np.int64),
-            None if self._header is None else np.array(self._stamps, np.int64),
-            self._names(),
-            np.concatenate(self._parts or [np.empty((0, width))]) if self._has_numbers else None,
-            self._lacks,
+            topic=self._topic,
+            msgtype=self._decoder.msgtype,
+            kind=_kind(self._decoder.msgtype, self._has_numbers),
+            logged_ns=np.array(self._logged, np.int64),
+            stamps_ns=None if self._header is None else np.array(self._stamps, np.int64),
+            frames=self._names(),
+            numbers=numbers if self._has_numbers else None,
+            lacks=self._lacks,
         )
 
     def _names(self) -> Counter[str]:
@@ -176,7 +184,7 @@ class _Collector:
     def _decode(self, block: list[bytes]) -> None:
         if self._decoder.msgtype == IMU:
             part = samples(block, self._decoder)[1]
-            if not self._parts:  # what the first message says of it, all do
+            if not self._parts:  # all messages say what the first one does
                 self._lacks = _lacking(self._decoder.deserialize(block[0]))
             for k, name in enumerate(SENSORS):
                 if name in self._lacks:
@@ -187,7 +195,7 @@ class _Collector:
 
 
 def _lacking(message: Any) -> tuple[str, ...]:
-    """Return the sensors that an IMU says not to have, in a message of its."""
+    """Return the sensors that an IMU does not have, as one of its messages says."""
     covariances = {
         name: getattr(message, f'{field}_covariance', (0.0,)) for name, field in SENSORS.items()
     }

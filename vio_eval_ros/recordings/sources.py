@@ -22,7 +22,7 @@ from vio_eval_ros.recordings.text import read_text
 if TYPE_CHECKING:
     import pandas as pd
 
-    from vio_eval_ros.recordings.bags import Read, Recording
+    from vio_eval_ros.recordings.recording import Recording, TopicPoses
 
 PARALLEL_BYTES = 1 << 24
 TRUTH_WORDS = r'truth|(^|[/_])gt($|[/_])|vicon|leica|mocap|optitrack|qualisys'
@@ -124,16 +124,17 @@ def default_topics(
     recording: Path, estimate: str | None = None, ground_truth: str | None = None
 ) -> tuple[str, str]:
     """
-    Return the topics of the estimate and of the truth, where there is only one sensible choice.
+    Return the topics of the estimate and of the ground truth, where only one choice makes sense.
 
     :param estimate: what is chosen already, or None.
     :param ground_truth: likewise.
     """
-    from vio_eval_ros.recordings.bags import Recording
+    from vio_eval_ros.recordings.recording import Recording
 
     with Recording(recording) as opened:
         names = [topic.name for topic in opened.topics if topic.has_pose and topic.count]
         choice = opened.choice()
+        has_choice = bool(opened.choices())
     others = [name for name in names if name not in (estimate, ground_truth)]
     truths = [name for name in others if re.search(TRUTH_WORDS, name.lower())]
     estimates = [name for name in others if name not in truths]
@@ -141,7 +142,8 @@ def default_topics(
     estimates = [estimate] if estimate else estimates
     if len(estimates) == 1 and len(truths) == 1:
         return estimates[0], truths[0]
-    raise ReadError(recording, f'name the topics with --estimate and --ground-truth; {choice}')
+    advice = 'choose topics with --estimate and --ground-truth; ' if has_choice else ''
+    raise ReadError(recording, advice + choice)
 
 
 def _located(text: str, recording: Path | None) -> Spec:
@@ -150,14 +152,14 @@ def _located(text: str, recording: Path | None) -> Spec:
         if recording is None:
             raise ReadError(
                 text,
-                'there is no such file; a topic needs a RECORDING, given first '
-                'or as RECORDING:/topic',
+                'there is no such file; for a topic, give the RECORDING first or write '
+                'RECORDING:/topic',
             )
         return spec._replace(path=recording)
     if spec.topic is None and (
         spec.path.suffix in RECORDING_SUFFIXES or exists(spec.path / 'metadata.yaml')
     ):
-        raise ReadError(text, f'this is a recording; say which topic of it: {spec.path}:/topic')
+        raise ReadError(text, f'this is a recording; name a topic in it: {spec.path}:/topic')
     return spec
 
 
@@ -167,7 +169,7 @@ def _from_recording(
     specs: Sequence[Spec],
     progress: Progress,
 ) -> list[Source]:
-    from vio_eval_ros.recordings.bags import Recording
+    from vio_eval_ros.recordings.recording import Recording
 
     assert path is not None
     with Recording(path) as opened:
@@ -175,19 +177,19 @@ def _from_recording(
         return [_of_topic(opened, *each) for each in zip(texts, specs, read, strict=True)]
 
 
-def _of_topic(recording: Recording, text: str, spec: Spec, read: Read) -> Source:
+def _of_topic(recording: Recording, text: str, spec: Spec, read: TopicPoses) -> Source:
     poses, causal = read
     if 'revision' in spec.statements:
         if causal is None:
             raise ConfigError(f'{text}: only a Path has revisions')
         poses, causal = causal if spec.statements['revision'] == 'causal' else poses, None
     return Source(
-        text,
-        recording.kind,
-        recording.paths,
-        _as_stated(poses, spec),
-        tuple(recording.warnings),
-        None if causal is None else _as_stated(causal, spec),
+        spec=text,
+        kind=recording.kind,
+        paths=recording.paths,
+        poses=_as_stated(poses, spec),
+        warnings=tuple(recording.warnings),
+        causal=None if causal is None else _as_stated(causal, spec),
     )
 
 
@@ -203,7 +205,7 @@ def _from_texts(jobs: Sequence[tuple[str, Spec, Path | None]], progress: Progres
                 other = pool.submit(_from_text, *jobs[1])
                 return [_from_text(*jobs[0], progress), other.result()]
         except (BrokenProcessPool, NotImplementedError, ValueError, OSError):
-            pass  # not on this machine: one after the other
+            pass  # not on this machine: one after another
     return [_from_text(*job, progress) for job in jobs]
 
 
@@ -227,23 +229,25 @@ def _file(path: Path) -> tuple[Path, list[str]]:
         for file in (path / 'mav0' / sensor / 'data.csv', path / sensor / 'data.csv'):
             if file.is_file():
                 raw = sensor in ('vicon0', 'leica0')
-                return file, [f'{file}: the pose of a marker, not of the IMU'] if raw else []
+                return file, [f'{file}: poses of a marker, not of the IMU'] if raw else []
     if (path / 'data.csv').is_file():
         return path / 'data.csv', []
     raise ReadError(
         path,
-        'this folder is no recording (metadata.yaml) and no EuRoC sequence '
-        '(mav0/state_groundtruth_estimate0/data.csv)',
+        'neither a rosbag2 folder (it has no metadata.yaml) nor a EuRoC sequence '
+        '(it has no mav0/state_groundtruth_estimate0/data.csv)',
     )
 
 
 def _as_stated(poses: Poses, spec: Spec) -> Poses:
-    """Return the poses with what was stated to be inverse turned round."""
+    """Return the poses, those stated to be inverse inverted."""
     invert = spec.statements.get('invert')
     if invert is None:
         return poses
     if poses.rotations is None:
-        raise ConfigError(f'{spec.topic or spec.path}: positions only, nothing to invert')
+        raise ConfigError(
+            f'{spec.topic or spec.path}: cannot invert positions without orientations'
+        )
     inverse = rotation.conjugate(poses.rotations)
     if invert == 'rotation':
         return replace(poses, rotations=inverse, covariances=None)

@@ -36,7 +36,7 @@ class Spec(NamedTuple):
 
     :param path: of a file or recording; None for a topic of the recording given beside it.
     :param topic: a topic or ``/tf:PARENT.CHILD``; None for a file.
-    :param statements: what was stated behind the question mark.
+    :param statements: the conventions after the question mark, by name.
     """
 
     path: Path | None
@@ -45,30 +45,30 @@ class Spec(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> Spec:
-        """Return the parts; ``ConfigError`` where a statement is unknown."""
+        """Return the parts; ``ConfigError`` for conventions that are unknown or do not apply."""
         if '?' in text and exists(Path(text)):
             return cls(Path(text), None, {})
         body, _, query = text.partition('?')
         stated = parse_qsl(query, keep_blank_values=True)
         statements = dict(stated)
         if len(statements) < len(stated):
-            raise ConfigError(f'{text}: the same is stated twice')
+            raise ConfigError(f'{text}: a convention is stated twice')
         for name, value in statements.items():
             if name not in STATEMENTS:
                 raise ConfigError(
-                    f"{text}: '{name}' cannot be stated of a source; "
-                    f'{", ".join(STATEMENTS)} can{nearest_name(name, STATEMENTS)}'
+                    f"{text}: '{name}' is not a convention of a source (expected "
+                    f'{", ".join(STATEMENTS)}){nearest_name(name, STATEMENTS)}'
                 )
             if value not in STATEMENTS[name]:
                 raise ConfigError(
-                    f"{text}: {name} is {' or '.join(STATEMENTS[name])}, not '{value}'"
+                    f"{text}: {name} must be {' or '.join(STATEMENTS[name])}, not '{value}'"
                 )
         path, topic = cls._located(body)
         useless = ('quaternion', 'stamps') if topic else ('revision',)
         for name in useless:
             if name in statements:
                 what = 'a topic' if topic else 'a file'
-                raise ConfigError(f'{text}: {name} cannot be stated of {what}')
+                raise ConfigError(f'{text}: {name} does not apply to {what}')
         return cls(path, topic, statements)
 
     @staticmethod

@@ -61,7 +61,7 @@ Recorded = tuple[int, Channel, bytes]
 
 
 @dataclass(frozen=True)
-class Offer:
+class OfferedQos:
     """
     The QoS that the publisher of a topic offered when it was recorded.
 
@@ -75,7 +75,7 @@ class Offer:
     depth: int = 0
 
     @classmethod
-    def of(cls, profile: Qos) -> Offer:
+    def of(cls, profile: Qos) -> OfferedQos:
         """Return the offer in a recorded profile; the default for what is unknown there."""
         return cls(
             profile.reliability != QosReliability.BEST_EFFORT,
@@ -84,7 +84,7 @@ class Offer:
         )
 
     @classmethod
-    def common(cls, offers: Sequence[Offer]) -> Offer:
+    def common(cls, offers: Sequence[OfferedQos]) -> OfferedQos:
         """Return what all publishers of a topic offered."""
         return cls(
             all(offer.reliable for offer in offers),
@@ -129,15 +129,15 @@ class RosbagsStorage:
         stored = self._reader.typestore
         return stored if msgtype in stored.fielddefs else standard_types(not self._reader.is2)
 
-    def offers(self) -> dict[str, list[Offer]]:
+    def offers(self) -> dict[str, list[OfferedQos]]:
         """Return what the publishers of each topic offered."""
-        offers: dict[str, list[Offer]] = defaultdict(list)
+        offers: dict[str, list[OfferedQos]] = defaultdict(list)
         for connection in self._reader.connections:
             extension: Any = connection.ext
             offers[_rooted(connection.topic)] += (
-                [Offer.of(profile) for profile in extension.offered_qos_profiles]
+                [OfferedQos.of(profile) for profile in extension.offered_qos_profiles]
                 if self._reader.is2
-                else [Offer(latched=bool(extension.latching))]
+                else [OfferedQos(latched=bool(extension.latching))]
             )
         return offers
 
@@ -202,12 +202,12 @@ class McapStorage:
         types.register(get_types_from_msg(schema.data.decode(), msgtype))
         return types
 
-    def offers(self) -> dict[str, list[Offer]]:
+    def offers(self) -> dict[str, list[OfferedQos]]:
         """Return what the publishers of each topic offered."""
-        offers: dict[str, list[Offer]] = defaultdict(list)
+        offers: dict[str, list[OfferedQos]] = defaultdict(list)
         for record in self._records.values():
             profiles = profiles_in(record.metadata.get('offered_qos_profiles', ''))
-            offers[_rooted(record.topic)] += map(Offer.of, profiles)
+            offers[_rooted(record.topic)] += map(OfferedQos.of, profiles)
         return offers
 
     def messages(
@@ -317,5 +317,5 @@ def standard_types(ros1: bool) -> Typestore:
 
 
 def _rooted(topic: str) -> str:
-    """Return the topic with a leading slash, which ROS 1 lets one leave out."""
+    """Return the topic with a leading slash, which is optional in ROS 1."""
     return '/' + topic.lstrip('/')

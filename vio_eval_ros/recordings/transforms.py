@@ -98,7 +98,7 @@ class TransformTree:
         chain = self._chain(source, *self._split(source, frames))
         moving = [edge for edge, _ in chain if edge in self._dynamic]
         if not moving:
-            raise ReadError(source, 'every transform on the way is static: nothing moves')
+            raise ReadError(source, 'every transform between the two is static: nothing moves')
         leading = max(moving, key=lambda edge: len(self._dynamic[edge]))
         poses = self._dynamic[leading].poses()
         if chain == [(leading, True)]:
@@ -111,11 +111,13 @@ class TransformTree:
             known &= poses.stamps_ns >= other.stamps_ns[0]
             known &= poses.stamps_ns <= other.stamps_ns[-1]
         if not known.any():
-            raise ReadError(source, 'the transforms on the way are never known at the same time')
+            raise ReadError(
+                source, 'the transforms between the two are never known at the same time'
+            )
         if not known.all():
             self.warnings.append(
                 f'{source}: left out {np.count_nonzero(~known)} of {len(known)} poses, at whose '
-                'stamps another transform on the way is not known yet or no longer'
+                'stamps another transform between the two is not known yet or any more'
             )
             poses = poses[known]
 
@@ -138,8 +140,10 @@ class TransformTree:
         splits = [(frames[:i].lstrip('/'), frames[i + 1 :].lstrip('/')) for i in dots]
         matching = [split for split in splits if known.issuperset(split)]
         if len(matching) != 1:
-            listed = ', '.join(sorted(known)) or 'none at all'
-            raise ReadError(source, f'not PARENT.CHILD of two known frames; there are: {listed}')
+            listed = ', '.join(sorted(known)) or 'none'
+            raise ReadError(
+                source, f'expected PARENT.CHILD of two known frames; there are: {listed}'
+            )
         return matching[0]
 
     def _chain(self, source: str, parent: str, child: str) -> list[tuple[Edge, bool]]:

@@ -24,8 +24,8 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.recordings.playback import Timed
-from vio_eval_ros.recordings.storage import Offer
+from vio_eval_ros.recordings.playback import TimedMessage
+from vio_eval_ros.recordings.storage import OfferedQos
 from vio_eval_ros.ros.context import join
 
 TICK_S = 0.01  # of /clock while no message is due
@@ -77,7 +77,7 @@ class Publication(NamedTuple):
     topic: str
     name: str
     message_type: type
-    offer: Offer
+    offer: OfferedQos
 
 
 class Player(Node):
@@ -124,7 +124,7 @@ class Player(Node):
         return [p.topic_name for p in publishers if not p.get_subscription_count()]
 
     def play(
-        self, messages: Iterable[Timed], start_ns: int, progress: Callable[[float], object]
+        self, messages: Iterable[TimedMessage], start_ns: int, progress: Callable[[float], object]
     ) -> None:
         """
         Publish each message when it is due, and the time of the recording on ``/clock``.
@@ -264,7 +264,7 @@ def message_class(msgtype: str) -> type | None:
         return None
 
 
-def _qos(offer: Offer, message_type: type) -> QoSProfile:
+def _qos(offer: OfferedQos, message_type: type) -> QoSProfile:
     """
     Return the quality of service that was recorded, as far as it makes sense for a recording.
 

@@ -20,9 +20,9 @@ import yaml
 
 from vio_eval_ros.errors import ReadError, UnsupportedMessage, VioEvalError
 from vio_eval_ros.recordings import decoder
-from vio_eval_ros.recordings.bags import Recording
 from vio_eval_ros.recordings.container import Topic
 from vio_eval_ros.recordings.messages import collect, CONVERTERS, PATH, PathRevisions
+from vio_eval_ros.recordings.recording import Recording
 from vio_eval_ros.recordings.storage import McapStorage
 
 ROS2 = get_typestore(Stores.ROS2_JAZZY)
@@ -539,7 +539,7 @@ def test_a_recording_without_messages_has_topics_all_the_same(shared_data, name)
 def test_a_bag_without_anything_is_listed_as_empty(shared_data):
     with Recording(shared_data / 'bags/rosbag_js/no-messages.bag') as opened:
         assert opened.topics == []
-        with pytest.raises(ReadError, match='no topic of it has poses'):
+        with pytest.raises(ReadError, match='no topic has poses'):
             opened.read(['/odom'])
 
 
@@ -557,7 +557,7 @@ def test_paths_without_poses_are_refused(tmp_path):
     empty = build('nav_msgs/Path', header=build.header(0), poses=[])
     data = bytes(ROS2.serialize_cdr(empty, 'nav_msgs/msg/Path'))
     path = write_mcap(tmp_path / 'run', messages=[('/Path', 0, data)])
-    with pytest.raises(ReadError, match='/Path: there are no poses in its messages'):
+    with pytest.raises(ReadError, match='/Path: its messages have no poses'):
         read(path, '/Path')
 
 
@@ -757,7 +757,7 @@ def test_another_serialization_format_is_refused_by_name(tmp_path, mode):
         read(path, '/Odometry')
 
 
-# --- what is no recording, or a damaged one ---
+# --- what is not a recording, or a damaged one ---
 
 
 def refused(path):
@@ -835,8 +835,8 @@ def test_a_recording_by_another_name_is_told_by_its_content(
 @pytest.mark.parametrize(
     ('name', 'words'),
     [
-        ('run.bag', 'does not begin as a ROS 1 bag does'),
-        ('run.mcap', 'does not begin as an mcap file does'),
+        ('run.bag', 'does not begin like a ROS 1 bag'),
+        ('run.mcap', 'does not begin like an mcap file'),
         ('run.txt', 'is not a recording (expected .bag, .db3, .mcap or a rosbag2 folder)'),
     ],
 )

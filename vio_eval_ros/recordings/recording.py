@@ -1,4 +1,4 @@
-"""Poses out of ROS recordings: ROS 1 bags, rosbag2 folders and bare .db3 or .mcap files."""
+"""Poses from ROS recordings: ROS 1 bags, rosbag2 folders and bare .db3 or .mcap files."""
 
 from __future__ import annotations
 
@@ -19,15 +19,16 @@ from vio_eval_ros.recordings.messages import PATH, PathRevisions
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.transforms import TF_TYPES, TransformTree
 
-Sink = Callable[[int, bytes], None]  # takes when a message was recorded [ns], and its bytes
+# Takes the time [ns] at which a message was recorded, and its bytes.
+Sink = Callable[[int, bytes], None]
 
 
-class Read(NamedTuple):
+class TopicPoses(NamedTuple):
     """
-    What was read of a topic or transform.
+    The poses of a topic or transform.
 
     :param poses: as last revised, where the topic revises them.
-    :param causal: as first published; None of a topic that revises nothing.
+    :param causal: as first published; None where the topic revises nothing.
     """
 
     poses: Poses
@@ -45,9 +46,9 @@ class Recording(Container):
         super().__init__(path)
         self.warnings: list[str] = []
 
-    def read(self, specs: Sequence[str], progress: Progress = silent) -> list[Read]:
+    def read(self, specs: Sequence[str], progress: Progress = silent) -> list[TopicPoses]:
         """
-        Return the poses of topics and transforms, in one pass over the storage for all of them.
+        Return the poses of topics and transforms, in a single pass over the recording.
 
         :param specs: '/topic', or '/tf:PARENT.CHILD' for the motion of CHILD in PARENT, chained
             through the tree on that TF topic and the static one beside it.
@@ -56,7 +57,7 @@ class Recording(Container):
         :raises UnsupportedMessage: a topic whose messages carry no pose.
         """
         sinks: dict[str, list[Sink]] = defaultdict(list)
-        results: dict[str, Callable[[], Read]] = {}
+        results: dict[str, Callable[[], TopicPoses]] = {}
         trees: dict[str, TransformTree] = {}
         for spec in dict.fromkeys(specs):
             name, colon, frames = spec.partition(':')
@@ -66,7 +67,7 @@ class Recording(Container):
                     trees[name] = self._feed_tree(topic, sinks)
                 results[spec] = partial(_looked_up, trees[name], frames)
             else:
-                collector = _Collector(self.decoder(topic))
+                collector = _PoseColumns(self.decoder(topic))
                 sinks[name].append(collector.add)
                 results[spec] = collector.read
 
@@ -74,7 +75,7 @@ class Recording(Container):
         read = {spec: result() for spec, result in results.items()}
         for spec, found in read.items():
             if not len(found.poses):
-                raise ReadError(f'{self.path}:{spec}', 'there are no poses in its messages')
+                raise ReadError(f'{self.path}:{spec}', 'its messages have no poses')
         self.warnings += [line for tree in trees.values() for line in tree.warnings]
         return [read[spec] for spec in specs]
 
@@ -96,7 +97,7 @@ class Recording(Container):
                 raise ReadError(
                     f'{self.path}:{name}',
                     f'only {received[name]} of the {count} messages in the index are there; the '
-                    'recording is damaged, or its metadata.yaml belongs to another',
+                    'recording is damaged, or its metadata.yaml belongs to another recording',
                 )
 
     def _topic(self, name: str, transforms: bool) -> Topic:
@@ -124,17 +125,21 @@ class Recording(Container):
 
     def choice(self) -> str:
         """Return a sentence that lists what can be evaluated."""
-        listed = [
+        listed = self.choices()
+        return f'topics with poses: {", ".join(listed)}' if listed else 'no topic has poses'
+
+    def choices(self) -> list[str]:
+        """Return the specs of what can be evaluated, each with type and number of messages."""
+        return [
             f'{topic.name}{":PARENT.CHILD" * (topic.msgtype in TF_TYPES)} '
             f'({topic.msgtype}, {topic.count})'
             for topic in self.topics
             if topic.has_pose or topic.msgtype in TF_TYPES
         ]
-        return f'topics with poses: {", ".join(listed)}' if listed else 'no topic of it has poses'
 
     def decoder(self, topic: Topic) -> Decoder:
         """
-        Return what decodes the messages of a topic, by the definition in its first file.
+        Return the decoder for the messages of a topic, as its first file defines them.
 
         :raises ReadError: another serialisation, a definition that is damaged.
         """
@@ -158,11 +163,11 @@ class Recording(Container):
         return tree
 
 
-def _looked_up(tree: TransformTree, frames: str) -> Read:
-    return Read(tree.lookup(frames))
+def _looked_up(tree: TransformTree, frames: str) -> TopicPoses:
+    return TopicPoses(tree.lookup(frames))
 
 
-class _Collector:
+class _PoseColumns:
     """The poses of one topic, decoded a block at a time: memory holds columns, not messages."""
 
     def __init__(self, decoder: Decoder) -> None:
@@ -178,13 +183,13 @@ class _Collector:
         else:
             self._blocks.add(message)
 
-    def read(self) -> Read:
+    def read(self) -> TopicPoses:
         """Return the poses of all messages."""
         if self._path:
-            return Read(self._path.final(), self._path.causal())
+            return TopicPoses(self._path.final(), self._path.causal())
         self._blocks.flush()
         stamps, numbers = zip(*self._columns, strict=True)
-        return Read(messages.poses(np.concatenate(stamps), np.concatenate(numbers)))
+        return TopicPoses(messages.poses(np.concatenate(stamps), np.concatenate(numbers)))
 
     def _decode(self, block: list[bytes]) -> None:
         self._columns.append(self._decoder.columns(block))

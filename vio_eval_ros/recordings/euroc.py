@@ -1,7 +1,7 @@
 """
 EuRoC's folders in ASL format, as the ROS messages that EuRoC's bags have.
 
-A folder holds one folder a sensor, each with a ``data.csv`` and cameras with PNG images beside it.
+There is one folder per sensor, each with a ``data.csv``; those of cameras have PNG images, too.
 A further sensor is one function and one line in :data:`SENSORS`.
 """
 
@@ -19,7 +19,7 @@ import numpy as np
 
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.container import Topic
-from vio_eval_ros.recordings.storage import Offer, standard_types
+from vio_eval_ros.recordings.storage import OfferedQos, standard_types
 
 TYPES = standard_types(ros1=False).types
 LATEST_NS = 2**63 - 1
@@ -49,7 +49,13 @@ def _imu(header: Any, row: list[str], _: Path) -> Any:
     level = _geometry('Quaternion', 0.0, 0.0, 0.0, 1.0)
     rates, accelerations = _vector(row[1:4]), _vector(row[4:7])
     return TYPES['sensor_msgs/msg/Imu'](
-        header, level, none, rates, unknown, accelerations, unknown
+        header=header,
+        orientation=level,
+        orientation_covariance=none,
+        angular_velocity=rates,
+        angular_velocity_covariance=unknown,
+        linear_acceleration=accelerations,
+        linear_acceleration_covariance=unknown,
     )
 
 
@@ -59,11 +65,19 @@ def _image(header: Any, row: list[str], folder: Path) -> Any:
     file = folder / 'data' / row[1].strip()
     with Image.open(file) as image:
         if image.mode not in ENCODINGS:
-            raise ReadError(file, f'has pixels of kind {image.mode}; known are {list(ENCODINGS)}')
+            raise ReadError(
+                file, f'has pixels of mode {image.mode}; known: {", ".join(ENCODINGS)}'
+            )
         pixels = np.frombuffer(image.tobytes(), np.uint8)
         size, encoding = image.size, ENCODINGS[image.mode]
     return TYPES['sensor_msgs/msg/Image'](
-        header, size[1], size[0], encoding, 0, len(pixels) // size[1], pixels
+        header=header,
+        height=size[1],
+        width=size[0],
+        encoding=encoding,
+        is_bigendian=0,
+        step=len(pixels) // size[1],
+        data=pixels,
     )
 
 
@@ -82,7 +96,7 @@ def _transform(header: Any, row: list[str], _: Path) -> Any:
 
 
 class Sensor(NamedTuple):
-    """What the rows of a sensor become; ``columns`` is the least that they must have."""
+    """What the rows of a sensor become; ``columns`` is how many they have at least."""
 
     topic: str
     msgtype: str
@@ -111,7 +125,7 @@ SENSORS = {
 
 
 def sensors_in(path: Path) -> dict[Path, Sensor]:
-    """Return the folders of sensors in a sequence or its ``mav0``; none where it is neither."""
+    """Return the folders of sensors in a sequence or its ``mav0``; none elsewhere."""
     return {
         folder: sensor
         for root in (path / 'mav0', path)
@@ -120,9 +134,9 @@ def sensors_in(path: Path) -> dict[Path, Sensor]:
     }
 
 
-class AslFolder:
+class EurocFolder:
     """
-    The sensors of a sequence, to be played.
+    A sequence to be played.
 
     :raises ReadError: a file that cannot be read or does not look as it should.
     """
@@ -130,7 +144,7 @@ class AslFolder:
     def __init__(self, path: Path, sensors: dict[Path, Sensor]) -> None:
         self.path = path
         self.topics: list[Topic] = []
-        self.offers: dict[str, Offer] = {}  # nothing is known of publishers
+        self.offers: dict[str, OfferedQos] = {}  # nothing is known of publishers
         self.warnings: list[str] = []
         self._sensors = sensors
         stamps: list[int] = []
@@ -190,10 +204,10 @@ def table(folder: Path, sensor: Sensor) -> tuple[np.ndarray, np.ndarray | None]:
 
     :return: (N,) int64 nanoseconds, and (N, 3), (N, 6) or (N, 7) numbers, quaternions x y z w as
         messages have them; None of a camera.
-    :raises ReadError: rows that are no numbers.
+    :raises ReadError: rows that are not numbers.
     """
     width = sensor.columns - 1
-    has_numbers = width > 1  # cameras have the name of a file
+    has_numbers = width > 1  # the rows of cameras name a file
     stamps, numbers = array('q'), array('d')
     for stamp_ns, row in _rows(folder, sensor):
         stamps.append(stamp_ns)
@@ -220,10 +234,13 @@ def _rows(folder: Path, sensor: Sensor) -> Iterator[tuple[int, list[str]]]:
                     continue
                 if len(row) < sensor.columns or not row[0].strip().isdigit():
                     raise ReadError(
-                        path, f'line {number} is not a stamp [ns] and {sensor.columns - 1} values'
+                        path,
+                        f'line {number}: expected a stamp [ns] and {sensor.columns - 1} values',
                     )
                 if int(row[0]) > LATEST_NS:
-                    raise ReadError(path, f'line {number} is no stamp [ns]: it is too large')
+                    raise ReadError(
+                        path, f'line {number}: {row[0].strip()} is too large to be a stamp [ns]'
+                    )
                 yield int(row[0]), row
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise ReadError(path, str(error)) from error
