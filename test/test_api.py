@@ -6,6 +6,7 @@ from functools import cache
 import json
 import math
 from pathlib import Path
+import re
 import subprocess
 import sys
 
@@ -14,6 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from verbs import call, transcript
 import vio_eval_ros as vio
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -342,6 +344,58 @@ def test_wrong_options_and_files_are_our_errors(tmp_path):
         vio.evaluate((STAMPS + 10**6 * SECOND, POSITIONS), both[1])
     config = vio.EvaluationConfig(alignment='none')
     assert vio.evaluate(*both, config=config).config is config
+
+
+@pytest.fixture(scope='module')
+def faulty(tmp_path_factory) -> Path:
+    """Return a recording with an estimate that is late and too large, and an IMU."""
+    path = tmp_path_factory.mktemp('faulty') / 'run.mcap'
+    done = call('simulate', path, '--fault', 'time_offset=0.03', '--fault', 'scale=1.08')
+    assert done.returncode == 0, transcript(done)
+    return path
+
+
+def test_a_diagnosis_is_that_of_the_command_line(faulty):
+    found = vio.diagnose(recording=faulty, imu='/imu0')
+    assert repr(found) == '<Diagnosis: time_offset, scale>'
+    assert found.to_json() == call('diagnose', faulty, '--imu', '/imu0', '--json').stdout
+    assert found._repr_html_().startswith('<pre>1. time_offset  (confidence')
+    healthy = vio.diagnose(recording=faulty, limits={'scale_percent': 20})
+    assert [cause.name for cause in healthy.causes] == ['time_offset']
+    assert vio.diagnose(recording=faulty, profile='car').to_dict()['profile'] == 'car'
+
+
+def test_an_inspection_is_that_of_the_command_line(faulty):
+    found = vio.inspect(faulty)
+    assert repr(found).startswith(f'<Inspection {faulty}: 3 streams, ')
+    assert found.to_json() == call('inspect', faulty, '--json').stdout
+    assert '/imu0' in found._repr_html_()
+    expectations = faulty.parent / 'expectations.yaml'
+    expectations.write_text('streams: {imu0: {topic: /imu0, rate_hz: 100}}')
+    unmet = vio.inspect(faulty, expectations=expectations).expectations
+    assert [(one.topic, one.check, one.word) for one in unmet] == [('/imu0', 'rate_hz', 'fail')]
+
+
+def test_the_noise_of_an_imu_is_that_of_the_command_line(tmp_path):
+    path = tmp_path / 'still.mcap'
+    assert call('simulate', path, '--still', '--duration-s', '600').returncode == 0
+    found = vio.imu_noise(path, profile='car')
+    assert found.to_json() == call('imu_noise', path, '--profile', 'car', '--json').stdout
+    assert re.fullmatch(
+        r'<ImuNoise \S+:/imu0: 600 s, 0.0001[67]\d* rad/s/sqrt\(Hz\), '
+        r'0.00[12]\d* m/s2/sqrt\(Hz\)>',
+        repr(found),
+    )
+    assert 'white noise density' in found._repr_html_()
+
+
+def test_limits_are_those_of_the_verb(faulty):
+    with pytest.raises(vio.ConfigError, match="unknown option 'scale_percnt'; did you mean"):
+        vio.diagnose(recording=faulty, limits={'scale_percnt': 1})
+    with pytest.raises(vio.ConfigError, match='expected DiagnosisLimits, got InspectionLimits'):
+        vio.diagnose(recording=faulty, limits=vio.inspect(faulty).inspection.limits)
+    with pytest.raises(vio.ConfigError, match="profile: 'boat' is not one of drone, car"):
+        vio.inspect(faulty, profile='boat')
 
 
 def test_the_face_has_all_that_it_promises():

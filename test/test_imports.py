@@ -35,7 +35,8 @@ LAYERS = {
     'scoring': {'core', 'evaluation', 'recordings', 'rendering', 'reports', 'settings'},
     'live': {'core', 'diagnosis', 'evaluation', 'recordings', 'rendering', 'reports'},
 }
-LAYERS['api'] = LAYERS['live'] | {'imu', 'inspection'}
+LAYERS['results'] = LAYERS['live'] | {'imu', 'inspection'}
+LAYERS['api'] = LAYERS['results'] | {'results'}
 SHELLS = {'ros', 'cli', '__main__', PACKAGE}
 ONLY_IN = {
     'rclpy': ('ros.',),

@@ -11,12 +11,13 @@ As a library::
 
 from __future__ import annotations
 
+from importlib import import_module
 from typing import Any, TYPE_CHECKING
 
 from vio_eval_ros.version import __version__
 
 if TYPE_CHECKING:
-    from vio_eval_ros.api import evaluate, read, Result, trajectory
+    from vio_eval_ros.api import diagnose, evaluate, imu_noise, inspect, read
     from vio_eval_ros.core.config import EvaluationConfig
     from vio_eval_ros.core.gates import Gate
     from vio_eval_ros.errors import (
@@ -28,13 +29,20 @@ if TYPE_CHECKING:
         VioEvalError,
         WriteError,
     )
+    from vio_eval_ros.recordings.arrays import trajectory
     from vio_eval_ros.recordings.sources import Source
+    from vio_eval_ros.results import Diagnosis, ImuNoise, Inspection, Result
 
+#: the modules of the names below
+HOMES = ('errors', 'api', 'results', 'recordings.arrays')
 __all__ = [
     'ConfigError',
+    'Diagnosis',
     'EvaluationConfig',
     'Gate',
+    'ImuNoise',
     'InputError',
+    'Inspection',
     'NoPairs',
     'ReadError',
     'Result',
@@ -43,21 +51,23 @@ __all__ = [
     'VioEvalError',
     'WriteError',
     '__version__',
+    'diagnose',
     'evaluate',
+    'imu_noise',
+    'inspect',
     'read',
     'trajectory',
 ]
 
 
 def __getattr__(name: str) -> Any:
-    """Import the face when it is first used, so that command lines start without it."""
-    if name not in __all__:
-        raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
-    from vio_eval_ros import api, errors
-
-    value = getattr(errors if hasattr(errors, name) else api, name)
-    globals()[name] = value
-    return value
+    """Import a name of the face when it is first used: command lines start without it."""
+    if name in __all__:
+        for home in HOMES:
+            module = import_module(f'vio_eval_ros.{home}')
+            if hasattr(module, name):
+                return getattr(module, name)
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
 
 
 def __dir__() -> list[str]:

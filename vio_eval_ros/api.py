@@ -11,37 +11,29 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields
-import math
 from pathlib import Path
-from typing import Any, TYPE_CHECKING, Union
+from typing import Any, TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import ArrayLike
-
-from vio_eval_ros.core.cleaning import MIN_QUATERNION_NORM
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.core.gates import check_names, Gate
-from vio_eval_ros.core.trajectory import Poses
-from vio_eval_ros.errors import ConfigError, InputError
+from vio_eval_ros.core.limits import Kind, Limits, PROFILES
+from vio_eval_ros.diagnosis.limits import DiagnosisLimits
+from vio_eval_ros.diagnosis.recorded import diagnose_sources, read_gyroscope
+from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.evaluation.recorded import score_run
-from vio_eval_ros.evaluation.result import Result as RunResult
+from vio_eval_ros.imu.limits import ImuNoiseLimits
+from vio_eval_ros.imu.recorded import imu_noise as noise_of
+from vio_eval_ros.inspection.expectations import Expectations
+from vio_eval_ros.inspection.limits import InspectionLimits
+from vio_eval_ros.inspection.recording import inspect_recording
+from vio_eval_ros.recordings.arrays import source_of, TrajectoryLike
+from vio_eval_ros.recordings.progress import silent
 from vio_eval_ros.recordings.sources import default_topics, read_sources, Source
-from vio_eval_ros.reports import REPORTS
-from vio_eval_ros.reports.tables import pair_errors
-from vio_eval_ros.reports.text import headline, rows
+from vio_eval_ros.results import Diagnosis, ImuNoise, Inspection, Result
 
 if TYPE_CHECKING:
-    import pandas as pd
-    import plotly.graph_objects as go
-
-POSITION, ROTATION = ['x', 'y', 'z'], ['qx', 'qy', 'qz', 'qw']
-#: sensors are slower; stamps this close together are seconds or frame numbers, not nanoseconds
-SHORTEST_PERIOD_NS = 1000
-PLOTS = ('path', 'path_3d', 'errors')
-
-Columns = tuple[ArrayLike, ArrayLike, ArrayLike | None]
-TrajectoryLike = Union[str, Path, Source, Poses, Columns, 'pd.DataFrame']
+    pass
 
 
 def read(
@@ -57,22 +49,6 @@ def read(
     :raises ReadError: the file, recording or topic cannot be read.
     """
     return read_sources([str(spec)], _path(recording), _path(times))[0]
-
-
-def trajectory(
-    stamps: ArrayLike, positions: ArrayLike, rotations: ArrayLike | None = None
-) -> Source:
-    """
-    Return a trajectory made of columns.
-
-    :param stamps: (N,) integers, nanoseconds, increasing. Of equal stamps the first is used.
-    :param positions: (N, 3) metres in the world frame.
-    :param rotations: (N, 4) quaternions x y z w, body to world; None where they are unknown.
-    :raises InputError: a shape, type or value is wrong; the message gives what was expected and
-        what was given.
-    """
-    stamps_ns = _stamps(np.asarray(stamps))
-    return _of_columns('arrays', stamps_ns, positions, rotations)
 
 
 def evaluate(
@@ -105,91 +81,113 @@ def evaluate(
         check_names(judged, metric_names(config))
     one, other = _sources(estimate, ground_truth, _path(recording), _path(times))
     found = score_run(one, other, config, judged)
-    return Result(**{item.name: getattr(found, item.name) for item in fields(found)})
+    return Result(**_values(found))
 
 
-class Result(RunResult):
+def diagnose(
+    estimate: TrajectoryLike | None = None,
+    ground_truth: TrajectoryLike | None = None,
+    *,
+    recording: str | Path | None = None,
+    times: str | Path | None = None,
+    imu: str | None = None,
+    profile: str = PROFILES[0],
+    limits: Mapping[str, float] | DiagnosisLimits | None = None,
+    **options: Any,
+) -> Diagnosis:
     """
-    What an evaluation found; made by :func:`evaluate`.
+    Return what is wrong with an estimate: ``.causes``, ``.cannot_tell``, ``.warnings``.
 
-    ``metrics`` and ``warnings`` are those of ``vio_eval_ros.result/1``; a number that does not
-    exist is NaN.
+    Inputs and options are those of :func:`evaluate`.
+
+    :param imu: a gyroscope to compare the estimate with: a topic or a CSV file.
+    :param profile: the platform, one of drone, car, handheld, legged and indoor_robot.
+    :param limits: by name, those to replace in what the profile calls healthy.
+    :raises NoPairs: there are too few poses, or the two have no time in common.
+    :raises VioEvalError: what else :func:`evaluate` raises; there is no such profile or limit.
     """
+    path = _path(recording)
+    one, other = _sources(estimate, ground_truth, path, _path(times))
+    found = diagnose_sources(
+        one,
+        other,
+        _config(options),
+        profile=profile,
+        limits=_limits(DiagnosisLimits, profile, limits),
+        gyroscope=None if imu is None else read_gyroscope(imu, path, silent),
+    )
+    return Diagnosis(**_values(found))
 
-    @property
-    def metrics(self) -> Mapping[str, float]:
-        """Every metric by its name, NaN where there is no data."""
-        return self.summary.metrics
 
-    @property
-    def warnings(self) -> Sequence[str]:
-        """What one should know before trusting a number, in sentences."""
-        return self.summary.warnings
+def inspect(
+    recording: str | Path,
+    calibrations: Sequence[str | Path] = (),
+    *,
+    expectations: str | Path | None = None,
+    profile: str = PROFILES[0],
+    limits: Mapping[str, float] | InspectionLimits | None = None,
+) -> Inspection:
+    """
+    Return what is wrong with the sensor streams of a recording: ``.findings``, ``.streams``.
 
-    def errors(self) -> pd.DataFrame:
-        """
-        Return the errors of each pair, indexed by the stamp of the estimate [ns].
+    :param recording: a ROS 1 bag, rosbag2 folder, .db3, .mcap or EuRoC folder.
+    :param calibrations: files of Kalibr or EuRoC to check against the recording.
+    :param expectations: a YAML file of what the streams should be like.
+    :param profile: as for :func:`diagnose`; ``limits`` likewise.
+    :raises VioEvalError: a file cannot be read or makes no sense.
+    """
+    found = inspect_recording(
+        Path(recording),
+        [Path(path) for path in calibrations],
+        None if expectations is None else Expectations.load(Path(expectations)),
+        profile=profile,
+        limits=_limits(InspectionLimits, profile, limits),
+    )
+    return Inspection(**_values(found))
 
-        Columns: ``ground_truth_stamp_ns``, ``ate_trans_m``, ``ate_rot_deg`` (NaN without
-        orientations) and ``error_x_m``, ``error_y_m``, ``error_z_m``, in the world of the ground
-        truth.
-        """
-        table = pair_errors(self)
-        index = _pandas().Index(table.pop('estimate_stamp_ns'), name='stamp_ns')
-        return _pandas().DataFrame(table, index=index)
 
-    def plot(self, what: str = 'path') -> go.Figure:
-        """
-        Return a plotly figure.
+def imu_noise(
+    recording: str | Path,
+    topic: str | None = None,
+    *,
+    gyro_unit: str | None = None,
+    accel_unit: str | None = None,
+    profile: str = PROFILES[0],
+    limits: Mapping[str, float] | ImuNoiseLimits | None = None,
+) -> ImuNoise:
+    """
+    Return the noise of an IMU that was recorded at rest: ``.axes``, ``.parameters()``.
 
-        :param what: ``path`` (from above, coloured by position error), ``path_3d``, or ``errors``
-            (over time).
-        :raises ConfigError: plotly is not installed, or there is nothing to draw.
-        """
-        if what not in PLOTS:
-            raise ConfigError(f"plot: '{what}' is not one of {', '.join(PLOTS)}")
-        if math.isnan(self.metrics['ate_trans_rmse_m']):
-            raise ConfigError('there is nothing to draw: the alignment is not determined')
-        try:
-            from plotly.graph_objects import Figure
-        except ImportError:
-            raise ConfigError("a plot needs plotly: pip install 'vio_eval_ros[report]'") from None
-        from vio_eval_ros.reports import plots
+    :param recording: with ``sensor_msgs/Imu``, a EuRoC folder, or a CSV file of time, angular
+        rates x y z and accelerations x y z.
+    :param topic: of the IMU; may be left out where there is only one.
+    :param gyro_unit: ``rad/s`` or ``deg/s``, where the record does not tell.
+    :param accel_unit: ``m/s2`` or ``g``, likewise.
+    :param profile: as for :func:`diagnose`; ``limits`` likewise.
+    :raises VioEvalError: it cannot be read, is too short, or allantools is not installed.
+    """
+    found = noise_of(
+        recording,
+        topic,
+        gyro_unit=gyro_unit,
+        accel_unit=accel_unit,
+        profile=profile,
+        limits=_limits(ImuNoiseLimits, profile, limits),
+    )
+    return ImuNoise(**_values(found))
 
-        course = plots.Course.of(self)
-        if what == 'errors':
-            rmse_m, rmse_deg = self.metrics['ate_trans_rmse_m'], self.metrics['ate_rot_rmse_deg']
-            figure = plots.errors_over_time(course, rmse_m, rmse_deg)
-            title = 'error of each pair; dashed: RMSE'
-        else:
-            figure = (plots.path_3d if what == 'path_3d' else plots.path_from_above)(course)
-            title = f'position error 0 (blue) to {course.hottest:.3g} m (red); grey: ground truth'
-        return Figure(figure).update_layout(title=title, margin_t=50)
 
-    def to_json(self) -> str:
-        """Return the result in schema ``vio_eval_ros.result/1``."""
-        return str(REPORTS['json'](self))
+def _values(found: Any) -> dict[str, Any]:
+    """Return the fields of a dataclass, to make the class of the face of them."""
+    return {item.name: getattr(found, item.name) for item in fields(found)}
 
-    def __repr__(self) -> str:
-        """Return the result in a line."""
-        alignment = self.summary.alignment.mode
-        return f'<Result {self.estimate.source}: {headline(self)}, {alignment}>'
 
-    def _repr_html_(self) -> str:
-        """Return what a notebook shows: the result in a line, and the statistics as a table."""
-        from vio_eval_ros.core.statistics import STATISTICS
-        from vio_eval_ros.rendering.page import html, joined, table, tag, warnings
-        from vio_eval_ros.rendering.text import number
-
-        figures = ([label, *map(number, values)] for label, values in rows(self))
-        head = f'{self.estimate.source} against {self.ground_truth.source}: {headline(self)}'
-        return joined(
-            [
-                tag('p', html(head)),
-                table(['error', *STATISTICS], figures, range(1, 1 + len(STATISTICS))),
-                warnings(self.warnings),
-            ]
-        )
+def _limits(kind: type[Kind], profile: str, stated: Mapping[str, float] | Kind | None) -> Kind:
+    if not isinstance(stated, Limits):
+        return kind.of(profile, stated)
+    if not isinstance(stated, kind):
+        raise ConfigError(f'limits: expected {kind.__name__}, got {type(stated).__name__}')
+    return stated
 
 
 def _config(options: dict[str, Any]) -> EvaluationConfig:
@@ -224,150 +222,6 @@ def _sources(
     read = dict(zip(named, read_sources(list(named.values()), recording, times), strict=True))
     names = ('estimate', 'ground_truth')
     one, other = (
-        read[k] if k in read else _source(name, given[k]) for k, name in enumerate(names)
+        read[k] if k in read else source_of(name, given[k]) for k, name in enumerate(names)
     )
     return one, other
-
-
-def _source(name: str, value: Any) -> Source:
-    """Return what a value that is not a spec holds; errors begin with its name."""
-    if isinstance(value, Source):
-        return value
-    try:
-        if isinstance(value, Poses):
-            stamps_ns = _stamps(np.asarray(value.stamps_ns))
-            return _of_columns(
-                'arrays', stamps_ns, value.positions, value.rotations, value.covariances
-            )
-        if hasattr(value, 'columns') and hasattr(value, 'index'):
-            return _of_frame(value)
-        if isinstance(value, tuple) and len(value) in (2, 3):
-            return trajectory(*value)
-    except InputError as error:
-        raise InputError(f'{name}: {error}') from None
-    raise InputError(
-        f'{name}: expected a source spec, a path, (stamps, positions, rotations), a DataFrame or '
-        f'what vio.read or vio.trajectory returns, got {_shown(value)}'
-    )
-
-
-def _of_frame(frame: Any) -> Source:
-    """Return what a DataFrame holds, with columns as evo's ``pandas_bridge`` names them."""
-    missing = [name for name in POSITION if name not in frame.columns]
-    oriented = [name for name in ROTATION if name in frame.columns]
-    if missing or len(oriented) not in (0, 4):
-        expected = ' '.join(POSITION + ROTATION)
-        got = ' '.join(map(str, frame.columns))
-        raise InputError(f'expected a DataFrame with columns {expected} (or x y z), got {got}')
-    rotations = frame[ROTATION].to_numpy() if oriented else None
-    return _of_columns('DataFrame', _index(frame.index), frame[POSITION].to_numpy(), rotations)
-
-
-def _index(index: Any) -> np.ndarray:
-    """Return the stamps [ns] that an index has: dates, float seconds or integer nanoseconds."""
-    values = index.to_numpy()
-    if values.dtype.kind == 'M':
-        return _stamps(values.astype('datetime64[ns]').astype(np.int64))
-    if values.dtype.kind != 'f':
-        return _stamps(values, 'index')
-    if not np.isfinite(values).all():
-        raise InputError('index: expected finite seconds, got NaN or infinity')
-    if np.abs(values).max(initial=0.0) > 1e11:
-        raise InputError(
-            f'index: expected seconds as floats, got {values.flat[0]:.10g}; give nanoseconds as '
-            'integers: df.index = df.index.astype("int64")'
-        )
-    return _stamps(np.round(values * 1e9).astype(np.int64), 'index')
-
-
-def _stamps(stamps: np.ndarray, name: str = 'stamps') -> np.ndarray:
-    """
-    Return (N,) int64 stamps [ns].
-
-    :raises InputError: they are not integers, none, out of order, or no nanoseconds.
-    """
-    if stamps.ndim != 1 or not len(stamps):
-        raise InputError(f'{name}: expected shape (N,) with N >= 1, got {stamps.shape}')
-    if stamps.dtype.kind == 'f':
-        raise InputError(
-            f'{name}: expected integers, nanoseconds, got {stamps.dtype}; from seconds: '
-            f'numpy.round({name} * 1e9).astype(numpy.int64)'
-        )
-    if stamps.dtype.kind not in 'iu':
-        raise InputError(f'{name}: expected integers, nanoseconds, got {stamps.dtype}')
-    stamps = stamps.astype(np.int64)
-    steps = np.diff(stamps)
-    if (steps < 0).any():
-        k = int((steps < 0).argmax()) + 1
-        raise InputError(
-            f'{name}: expected in increasing order, got {stamps[k]} after {stamps[k - 1]} in row '
-            f'{k}; sort all columns by stamp first: numpy.argsort({name}, kind="stable")'
-        )
-    if len(steps) and np.median(steps) < SHORTEST_PERIOD_NS:
-        raise InputError(
-            f'{name}: expected nanoseconds, got {stamps[0]} to {stamps[-1]}, '
-            f'{float(np.median(steps)):g} apart: seconds or row numbers?'
-        )
-    return stamps
-
-
-def _of_columns(
-    spec: str,
-    stamps_ns: np.ndarray,
-    positions: ArrayLike,
-    rotations: ArrayLike | None,
-    covariances: np.ndarray | None = None,
-) -> Source:
-    count = len(stamps_ns)
-    positions = _numbers('positions', positions, (count, 3))
-    if rotations is not None:
-        rotations = _numbers('rotations', rotations, (count, 4))
-        short = np.linalg.norm(rotations, axis=1) < MIN_QUATERNION_NORM
-        if short.any():
-            raise InputError(
-                f'rotations: expected unit quaternions x y z w, got zero in row {short.argmax()}; '
-                'leave rotations out where they are unknown'
-            )
-    return Source(
-        spec=spec,
-        kind='arrays',
-        paths=(),
-        poses=Poses(stamps_ns, positions, rotations, covariances),
-    )
-
-
-def _numbers(name: str, values: ArrayLike, shape: tuple[int, int]) -> np.ndarray:
-    """Return (N, D) float64; the error names the shape or type expected and the one given."""
-    try:
-        array = np.asarray(values)
-    except ValueError:  # rows of different lengths
-        raise InputError(
-            f'{name}: expected shape {shape}, got rows of different lengths'
-        ) from None
-    if array.shape != shape:
-        raise InputError(f'{name}: expected shape {shape}, got {array.shape}')
-    if array.dtype.kind not in 'fiu':
-        raise InputError(f'{name}: expected float64, got {array.dtype}')
-    array = array.astype(np.float64)
-    wrong = ~np.isfinite(array).all(axis=1)
-    if wrong.any():
-        raise InputError(
-            f'{name}: expected finite numbers, got NaN or infinity in {np.count_nonzero(wrong)} '
-            f'of {len(wrong)} rows, first in row {wrong.argmax()}; drop these rows from all '
-            'columns'
-        )
-    return array
-
-
-def _shown(value: Any) -> str:
-    shape = getattr(value, 'shape', None)
-    name = type(value).__name__
-    return name if shape is None else f'{name} of shape {tuple(shape)}'
-
-
-def _pandas() -> Any:
-    try:
-        import pandas
-    except ImportError:
-        raise ConfigError("a DataFrame needs pandas: pip install 'vio_eval_ros[pandas]'") from None
-    return pandas

@@ -1,0 +1,180 @@
+"""
+Trajectories in memory: arrays, lists and DataFrames, checked before anything is computed.
+
+Every error names the column, what was expected and what was given.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, TYPE_CHECKING, Union
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from vio_eval_ros.core.cleaning import MIN_QUATERNION_NORM
+from vio_eval_ros.core.trajectory import Poses
+from vio_eval_ros.errors import InputError
+from vio_eval_ros.recordings.sources import Source
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+POSITION, ROTATION = ['x', 'y', 'z'], ['qx', 'qy', 'qz', 'qw']
+#: sensors are slower; stamps this close together are seconds or frame numbers, not nanoseconds
+SHORTEST_PERIOD_NS = 1000
+
+Columns = tuple[ArrayLike, ArrayLike, ArrayLike | None]
+TrajectoryLike = Union[str, Path, Source, Poses, Columns, 'pd.DataFrame']
+
+
+def trajectory(
+    stamps: ArrayLike, positions: ArrayLike, rotations: ArrayLike | None = None
+) -> Source:
+    """
+    Return a trajectory made of columns.
+
+    :param stamps: (N,) integers, nanoseconds, increasing. Of equal stamps the first is used.
+    :param positions: (N, 3) metres in the world frame.
+    :param rotations: (N, 4) quaternions x y z w, body to world; None where they are unknown.
+    :raises InputError: a shape, type or value is wrong; the message gives what was expected and
+        what was given.
+    """
+    stamps_ns = _stamps(np.asarray(stamps))
+    return _of_columns('arrays', stamps_ns, positions, rotations)
+
+
+def source_of(name: str, value: Any) -> Source:
+    """Return what a value that is not a spec holds; errors begin with its name."""
+    if isinstance(value, Source):
+        return value
+    try:
+        if isinstance(value, Poses):
+            stamps_ns = _stamps(np.asarray(value.stamps_ns))
+            checked = _of_columns('arrays', stamps_ns, value.positions, value.rotations)
+            others = {
+                'covariances': value.covariances,
+                'zero_is_unset': value.zero_is_unset,
+            }
+            return replace(checked, poses=replace(checked.poses, **others))
+        if hasattr(value, 'columns') and hasattr(value, 'index'):
+            return _of_frame(value)
+        if isinstance(value, tuple) and len(value) in (2, 3):
+            return trajectory(*value)
+    except InputError as error:
+        raise InputError(f'{name}: {error}') from None
+    raise InputError(
+        f'{name}: expected a source spec, a path, (stamps, positions, rotations), a DataFrame or '
+        f'what vio.read or vio.trajectory returns, got {_shown(value)}'
+    )
+
+
+def _of_frame(frame: Any) -> Source:
+    """Return what a DataFrame holds, with columns as evo's ``pandas_bridge`` names them."""
+    missing = [name for name in POSITION if name not in frame.columns]
+    oriented = [name for name in ROTATION if name in frame.columns]
+    if missing or len(oriented) not in (0, 4):
+        expected = ' '.join(POSITION + ROTATION)
+        got = ' '.join(map(str, frame.columns))
+        raise InputError(f'expected a DataFrame with columns {expected} (or x y z), got {got}')
+    rotations = frame[ROTATION].to_numpy() if oriented else None
+    return _of_columns('DataFrame', _index(frame.index), frame[POSITION].to_numpy(), rotations)
+
+
+def _index(index: Any) -> np.ndarray:
+    """Return the stamps [ns] that an index has: dates, float seconds or integer nanoseconds."""
+    values = index.to_numpy()
+    if values.dtype.kind == 'M':
+        return _stamps(values.astype('datetime64[ns]').astype(np.int64))
+    if values.dtype.kind != 'f':
+        return _stamps(values, 'index')
+    if not np.isfinite(values).all():
+        raise InputError('index: expected finite seconds, got NaN or infinity')
+    if np.abs(values).max(initial=0.0) > 1e11:
+        raise InputError(
+            f'index: expected seconds as floats, got {values.flat[0]:.10g}; give nanoseconds as '
+            'integers: df.index = df.index.astype("int64")'
+        )
+    return _stamps(np.round(values * 1e9).astype(np.int64), 'index')
+
+
+def _stamps(stamps: np.ndarray, name: str = 'stamps') -> np.ndarray:
+    """
+    Return (N,) int64 stamps [ns].
+
+    :raises InputError: they are not integers, none, out of order, or no nanoseconds.
+    """
+    if stamps.ndim != 1 or not len(stamps):
+        raise InputError(f'{name}: expected shape (N,) with N >= 1, got {stamps.shape}')
+    if stamps.dtype.kind == 'f':
+        raise InputError(
+            f'{name}: expected integers, nanoseconds, got {stamps.dtype}; from seconds: '
+            f'numpy.round({name} * 1e9).astype(numpy.int64)'
+        )
+    if stamps.dtype.kind not in 'iu':
+        raise InputError(f'{name}: expected integers, nanoseconds, got {stamps.dtype}')
+    stamps = stamps.astype(np.int64)
+    steps = np.diff(stamps)
+    if (steps < 0).any():
+        k = int((steps < 0).argmax()) + 1
+        raise InputError(
+            f'{name}: expected in increasing order, got {stamps[k]} after {stamps[k - 1]} in row '
+            f'{k}; sort all columns by stamp first: numpy.argsort({name}, kind="stable")'
+        )
+    if len(steps) and np.median(steps) < SHORTEST_PERIOD_NS:
+        raise InputError(
+            f'{name}: expected nanoseconds, got {stamps[0]} to {stamps[-1]}, '
+            f'{float(np.median(steps)):g} apart: seconds or row numbers?'
+        )
+    return stamps
+
+
+def _of_columns(
+    spec: str, stamps_ns: np.ndarray, positions: ArrayLike, rotations: ArrayLike | None
+) -> Source:
+    count = len(stamps_ns)
+    positions = _numbers('positions', positions, (count, 3))
+    if rotations is not None:
+        rotations = _numbers('rotations', rotations, (count, 4))
+        short = np.linalg.norm(rotations, axis=1) < MIN_QUATERNION_NORM
+        if short.any():
+            raise InputError(
+                f'rotations: expected unit quaternions x y z w, got zero in row {short.argmax()}; '
+                'leave rotations out where they are unknown'
+            )
+    return Source(
+        spec=spec,
+        kind='arrays',
+        paths=(),
+        poses=Poses(stamps_ns, positions, rotations),
+    )
+
+
+def _numbers(name: str, values: ArrayLike, shape: tuple[int, int]) -> np.ndarray:
+    """Return (N, D) float64; the error names the shape or type expected and the one given."""
+    try:
+        array = np.asarray(values)
+    except ValueError:  # rows of different lengths
+        raise InputError(
+            f'{name}: expected shape {shape}, got rows of different lengths'
+        ) from None
+    if array.shape != shape:
+        raise InputError(f'{name}: expected shape {shape}, got {array.shape}')
+    if array.dtype.kind not in 'fiu':
+        raise InputError(f'{name}: expected float64, got {array.dtype}')
+    array = array.astype(np.float64)
+    wrong = ~np.isfinite(array).all(axis=1)
+    if wrong.any():
+        raise InputError(
+            f'{name}: expected finite numbers, got NaN or infinity in {np.count_nonzero(wrong)} '
+            f'of {len(wrong)} rows, first in row {wrong.argmax()}; drop these rows from all '
+            'columns'
+        )
+    return array
+
+
+def _shown(value: Any) -> str:
+    shape = getattr(value, 'shape', None)
+    name = type(value).__name__
+    return name if shape is None else f'{name} of shape {tuple(shape)}'

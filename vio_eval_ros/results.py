@@ -1,0 +1,180 @@
+"""What the functions of the library return: values that a script and a notebook can show."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+import json
+import math
+from typing import Any, TYPE_CHECKING
+
+from vio_eval_ros.core.statistics import STATISTICS
+from vio_eval_ros.diagnosis.diagnosis import Diagnosis as FoundDiagnosis
+from vio_eval_ros.diagnosis.documents import diagnosis_text
+from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.evaluation.result import Result as RunResult
+from vio_eval_ros.imu.analysis import Analysis
+from vio_eval_ros.imu.noise_reports import table as noise_table
+from vio_eval_ros.inspection.report import Report as InspectionReport
+from vio_eval_ros.inspection.text_report import text_document
+from vio_eval_ros.rendering.page import Html, html, joined, table, tag, warnings
+from vio_eval_ros.rendering.text import number
+from vio_eval_ros.reports import REPORTS
+from vio_eval_ros.reports.tables import pair_errors
+from vio_eval_ros.reports.text import headline, rows
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import plotly.graph_objects as go
+
+PLOTS = ('path', 'path_3d', 'errors')
+
+
+class Result(RunResult):
+    """
+    What an evaluation found; made by :func:`evaluate`.
+
+    ``metrics`` and ``warnings`` are those of ``vio_eval_ros.result/1``; a number that does not
+    exist is NaN.
+    """
+
+    @property
+    def metrics(self) -> Mapping[str, float]:
+        """Every metric by its name, NaN where there is no data."""
+        return self.summary.metrics
+
+    @property
+    def warnings(self) -> Sequence[str]:
+        """What one should know before trusting a number, in sentences."""
+        return self.summary.warnings
+
+    def errors(self) -> pd.DataFrame:
+        """
+        Return the errors of each pair, indexed by the stamp of the estimate [ns].
+
+        Columns: ``ground_truth_stamp_ns``, ``ate_trans_m``, ``ate_rot_deg`` (NaN without
+        orientations) and ``error_x_m``, ``error_y_m``, ``error_z_m``, in the world of the ground
+        truth.
+        """
+        table = pair_errors(self)
+        index = _pandas().Index(table.pop('estimate_stamp_ns'), name='stamp_ns')
+        return _pandas().DataFrame(table, index=index)
+
+    def plot(self, what: str = 'path') -> go.Figure:
+        """
+        Return a plotly figure.
+
+        :param what: ``path`` (from above, coloured by position error), ``path_3d``, or ``errors``
+            (over time).
+        :raises ConfigError: plotly is not installed, or there is nothing to draw.
+        """
+        if what not in PLOTS:
+            raise ConfigError(f"plot: '{what}' is not one of {', '.join(PLOTS)}")
+        if math.isnan(self.metrics['ate_trans_rmse_m']):
+            raise ConfigError('there is nothing to draw: the alignment is not determined')
+        try:
+            from plotly.graph_objects import Figure
+        except ImportError:
+            raise ConfigError("a plot needs plotly: pip install 'vio_eval_ros[report]'") from None
+        from vio_eval_ros.reports import plots
+
+        course = plots.Course.of(self)
+        if what == 'errors':
+            rmse_m, rmse_deg = self.metrics['ate_trans_rmse_m'], self.metrics['ate_rot_rmse_deg']
+            figure = plots.errors_over_time(course, rmse_m, rmse_deg)
+            title = 'error of each pair; dashed: RMSE'
+        else:
+            figure = (plots.path_3d if what == 'path_3d' else plots.path_from_above)(course)
+            title = f'position error 0 (blue) to {course.hottest:.3g} m (red); grey: ground truth'
+        return Figure(figure).update_layout(title=title, margin_t=50)
+
+    def to_json(self) -> str:
+        """Return the result in schema ``vio_eval_ros.result/1``."""
+        return str(REPORTS['json'](self))
+
+    def __repr__(self) -> str:
+        """Return the result in a line."""
+        alignment = self.summary.alignment.mode
+        return f'<Result {self.estimate.source}: {headline(self)}, {alignment}>'
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the result in a line, and the statistics as a table."""
+        figures = ([label, *map(number, values)] for label, values in rows(self))
+        head = f'{self.estimate.source} against {self.ground_truth.source}: {headline(self)}'
+        return joined(
+            [
+                tag('p', html(head)),
+                table(['error', *STATISTICS], figures, range(1, 1 + len(STATISTICS))),
+                warnings(self.warnings),
+            ]
+        )
+
+
+class Diagnosis(FoundDiagnosis):
+    """What is wrong with an estimate; made by :func:`diagnose`."""
+
+    def to_json(self) -> str:
+        """Return the diagnosis in schema ``vio_eval_ros.diagnosis/1``."""
+        return _json(self.to_dict())
+
+    def __repr__(self) -> str:
+        """Return the causes in a line."""
+        names = ', '.join(cause.name for cause in self.causes)
+        return f'<Diagnosis: {names or "nothing unusual"}>'
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the text of the command line."""
+        return _preformatted('\n'.join(diagnosis_text(self)))
+
+
+class Inspection(InspectionReport):
+    """What is wrong with the streams of a recording; made by :func:`inspect`."""
+
+    def to_json(self) -> str:
+        """Return the inspection in schema ``vio_eval_ros.inspection/1``."""
+        return _json(self.to_dict())
+
+    def __repr__(self) -> str:
+        """Return the findings in a line."""
+        names = ', '.join(dict.fromkeys(finding.name for finding in self.findings))
+        return f'<Inspection {self.source}: {len(self.streams)} streams, {names or "no findings"}>'
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the text of the command line."""
+        return _preformatted(text_document(self))
+
+
+class ImuNoise(Analysis):
+    """The noise of an IMU; made by :func:`imu_noise`."""
+
+    def to_json(self) -> str:
+        """Return the noise in schema ``vio_eval_ros.imu_noise/1``."""
+        return _json(self.to_dict())
+
+    def __repr__(self) -> str:
+        """Return the length of the record and the noise densities in a line."""
+        gyro, accel = (self.largest(kind, 'density') for kind in ('gyro', 'accel'))
+        shown = [number(math.nan if value is None else value) for value in (gyro, accel)]
+        return (
+            f'<ImuNoise {self.source}: {self.signal.duration_s:.4g} s, {shown[0]} rad/s/sqrt(Hz), '
+            f'{shown[1]} m/s2/sqrt(Hz)>'
+        )
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the text of the command line."""
+        return _preformatted(noise_table(self))
+
+
+def _json(content: dict[str, Any]) -> str:
+    return json.dumps(content, indent=2, allow_nan=False) + '\n'
+
+
+def _preformatted(text: str) -> str:
+    return tag('pre', Html('\n'.join(map(html, text.splitlines()))))
+
+
+def _pandas() -> Any:
+    try:
+        import pandas
+    except ImportError:
+        raise ConfigError("a DataFrame needs pandas: pip install 'vio_eval_ros[pandas]'") from None
+    return pandas
