@@ -373,7 +373,8 @@ def test_an_inspection_is_that_of_the_command_line(faulty):
     expectations = faulty.parent / 'expectations.yaml'
     expectations.write_text('streams: {imu0: {topic: /imu0, rate_hz: 100}}')
     unmet = vio.inspect(faulty, expectations=expectations).expectations
-    assert [(one.topic, one.check, one.word) for one in unmet] == [('/imu0', 'rate_hz', 'fail')]
+    words = {(one.topic, one.check): one.word for one in unmet}
+    assert words['/imu0', 'rate_hz'] == 'fail'
 
 
 def test_the_noise_of_an_imu_is_that_of_the_command_line(tmp_path):

@@ -53,11 +53,15 @@ def source_of(name: str, value: Any) -> Source:
         if isinstance(value, Poses):
             stamps_ns = _stamps(np.asarray(value.stamps_ns))
             checked = _of_columns('arrays', stamps_ns, value.positions, value.rotations)
-            others = {
-                'covariances': value.covariances,
-                'zero_is_unset': value.zero_is_unset,
-            }
-            return replace(checked, poses=replace(checked.poses, **others))
+            covariances, expected = value.covariances, (len(stamps_ns), 2, 3, 3)
+            if covariances is not None and covariances.shape != expected:
+                raise InputError(
+                    f'covariances: expected shape {expected}, got {covariances.shape}'
+                )
+            poses = replace(
+                checked.poses, covariances=covariances, zero_is_unset=value.zero_is_unset
+            )
+            return replace(checked, poses=poses)
         if hasattr(value, 'columns') and hasattr(value, 'index'):
             return _of_frame(value)
         if isinstance(value, tuple) and len(value) in (2, 3):
