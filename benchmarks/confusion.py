@@ -36,7 +36,8 @@ from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.correction import Correction
 from vio_eval_ros.diagnosis.diagnosed_run import DiagnosedRun, improvement
-from vio_eval_ros.diagnosis.diagnosis import diagnose, diagnose_run, Diagnosis
+from vio_eval_ros.diagnosis.diagnosis import diagnose, diagnose_run
+from vio_eval_ros.diagnosis.report import Diagnosis
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.simulation import simulate, SimulatedRun, write_recording
 from vio_eval_ros.simulation.faults import inject

@@ -29,7 +29,8 @@ from vio_eval_ros.core.cleaning import clean, Cleaning
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.diagnosed_run import DiagnosedRun
-from vio_eval_ros.diagnosis.diagnosis import diagnose, diagnose_run, Diagnosis
+from vio_eval_ros.diagnosis.diagnosis import diagnose, diagnose_run
+from vio_eval_ros.diagnosis.report import Diagnosis
 from vio_eval_ros.errors import NoPairs
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.simulation import Drift, simulate

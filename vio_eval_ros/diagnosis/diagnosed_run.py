@@ -22,6 +22,7 @@ from vio_eval_ros.core.trajectory import Pairs, Trajectory
 from vio_eval_ros.diagnosis.correction import Correction
 from vio_eval_ros.errors import NoPairs
 
+ATE = 'ATE [m]'
 FEWEST_POSES = 20
 #: smaller errors, in m or deg, cannot be reduced
 SMALLEST_ERROR = 1e-6
@@ -105,7 +106,7 @@ class DiagnosedRun:
         moments = Moments.of(pairs)
         aligned, levelled = (solve(mode, moments, pairs[:1]) for mode in ('se3', 'posyaw'))
         errors = {
-            'ATE [m]': position_errors(pairs, aligned),
+            ATE: position_errors(pairs, aligned),
             'posyaw ATE [m]': position_errors(pairs, levelled),
             'rotation ATE [deg]': rotation_errors(pairs, aligned),
         }
@@ -119,7 +120,7 @@ class DiagnosedRun:
 
     def is_worse(self, correction: Correction, than: Correction, percent: float) -> bool:
         """Return whether one correction leaves an ATE that is larger by some percent."""
-        ates = [self.errors(one).get('ATE [m]', math.nan) for one in (correction, than)]
+        ates = [self.errors(one).get(ATE, math.nan) for one in (correction, than)]
         return bool(ates[0] > (1 + percent / 100) * ates[1])
 
     def ate_m(self, correction: Correction) -> float:

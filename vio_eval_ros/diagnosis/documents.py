@@ -6,8 +6,9 @@ from collections.abc import Sequence
 import math
 import shlex
 
-from vio_eval_ros.diagnosis.diagnosis import ATE, Cause, Diagnosis
+from vio_eval_ros.diagnosis.diagnosed_run import ATE
 from vio_eval_ros.diagnosis.gyroscope import GyroscopeComparison
+from vio_eval_ros.diagnosis.report import Cause, Diagnosis
 from vio_eval_ros.diagnosis.signals import SignalLag
 from vio_eval_ros.diagnosis.warnings import late_or_early, SIDES
 from vio_eval_ros.rendering.text import number, percent

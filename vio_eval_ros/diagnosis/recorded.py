@@ -12,9 +12,10 @@ import numpy as np
 from vio_eval_ros.core.cleaning import clean, Cleaning, LARGEST
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.limits import PROFILES
-from vio_eval_ros.diagnosis.diagnosis import diagnose, Diagnosis
+from vio_eval_ros.diagnosis.diagnosis import diagnose
 from vio_eval_ros.diagnosis.gyroscope import compare
 from vio_eval_ros.diagnosis.limits import DiagnosisLimits
+from vio_eval_ros.diagnosis.report import Diagnosis
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.imu import read_imu
 from vio_eval_ros.recordings.progress import Progress

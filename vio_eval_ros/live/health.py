@@ -15,7 +15,7 @@ import math
 from vio_eval_ros.core.alignment import Alignment
 from vio_eval_ros.core.gates import Gate, judge, SEVERITIES
 from vio_eval_ros.diagnosis.causes import CAUSES
-from vio_eval_ros.diagnosis.diagnosis import Cause, Diagnosis
+from vio_eval_ros.diagnosis.report import Cause, Diagnosis
 from vio_eval_ros.live.queues import TimeJump
 from vio_eval_ros.recordings.messages import CONVERTERS
 from vio_eval_ros.rendering.text import number

@@ -15,7 +15,8 @@ import numpy as np
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.trajectory import Pairs
 from vio_eval_ros.diagnosis.diagnosed_run import DiagnosedRun
-from vio_eval_ros.diagnosis.diagnosis import diagnose_run, Diagnosis
+from vio_eval_ros.diagnosis.diagnosis import diagnose_run
+from vio_eval_ros.diagnosis.report import Diagnosis
 from vio_eval_ros.errors import NoPairs
 
 INTERVAL_S = 10.0
