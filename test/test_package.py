@@ -94,6 +94,7 @@ def test_verbs_run_from_a_workspace_that_links_to_its_sources(linked):
     assert printed.startswith('usage: replay ')
 
 
+@pytest.mark.slow
 def test_pip_installs_one_command(wheel, tmp_path):
     with zipfile.ZipFile(wheel) as archive:
         assert not [name for name in archive.namelist() if '.data/scripts/' in name]
@@ -108,6 +109,7 @@ def test_pip_installs_one_command(wheel, tmp_path):
     assert '\n  vio_eval replay run.mcap ' in printed
 
 
+@pytest.mark.slow
 def test_an_editable_install_has_the_same_command(workspace, tmp_path):
     environment, source = tmp_path / 'environment', tmp_path / 'source'
     shutil.copytree(workspace / 'src' / 'vio_eval_ros', source)
@@ -116,6 +118,7 @@ def test_an_editable_install_has_the_same_command(workspace, tmp_path):
     assert {file.name for file in (environment / 'bin').iterdir()} - before == {'vio_eval'}
 
 
+@pytest.mark.slow
 def test_the_package_index_takes_what_is_uploaded(distributions):
     files = sorted(distributions.iterdir())
     assert [file.name.partition('-')[2] for file in files] == [

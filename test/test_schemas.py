@@ -190,8 +190,9 @@ def test_an_inspection(cameras, tmp_path):
     assert problems('inspection-1', document('inspect', DEMO)) == []
 
 
+@pytest.mark.slow
 def test_the_noise_of_an_imu(tmp_path):
-    done = call('simulate', tmp_path / 'rest.mcap', '--still', '--duration-s', '300')
+    done = call('simulate', tmp_path / 'rest.mcap', '--still', '--duration-s', '60')
     assert done.returncode == 0, transcript(done)
     found = document('imu_noise', tmp_path / 'rest.mcap')
     assert len(found['axes']) == 6
