@@ -122,3 +122,19 @@ def test_a_missing_library_is_named_before_anything_is_read(library, monkeypatch
     monkeypatch.setattr(recorded, 'find_spec', lambda name: None if name == library else name)
     reports = ('--report=png:a.png', '--report=html:a.html')
     assert f'pip install {library}' in complaint('imu_noise', 'missing.csv', *reports)
+
+
+def test_limits_are_chosen_by_profile_and_file(file, tmp_path):
+    short = tmp_path / 'short.csv'
+    short.write_text(''.join(file.read_text().splitlines(keepends=True)[:5_000]))
+    limits = tmp_path / 'limits.yaml'
+    limits.write_text('imu_noise: {gravity_error_m_s2: 0}\n')
+    given = (short, '--profile', 'car', '--limits', limits)
+    found = document('imu_noise', *given)
+    assert found['profile'] == 'car'
+    assert found['limits']['gravity_error_m_s2'] == 0.0
+    assert any('its mean acceleration is' in warning for warning in found['warnings'])
+    assert 'overwrite the input' in complaint('imu_noise', *given, f'--report=json:{limits}')
+    limits.write_text('imu_noise: {gravity_error: 0}\n')
+    problem = "line 1: there is no 'gravity_error' here; did you mean 'gravity_error_m_s2'?"
+    assert problem in complaint('imu_noise', *given)
