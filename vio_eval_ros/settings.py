@@ -59,6 +59,28 @@ class Section(dict[str, Any]):
             raise self.error(key, f'{key}: expected a mapping')
         return value
 
+    def text(self, key: str) -> str | None:
+        """Return the text under a key, None where there is none."""
+        value = self.get(key)
+        if value is not None and not isinstance(value, str):
+            raise self.error(key, f'{key}: expected text')
+        return value
+
+    def required_text(self, key: str) -> str:
+        """Return the text under a key that must be there."""
+        text = self.text(key)
+        if not text:
+            raise self.error(key, f'{key} is missing')
+        return text
+
+    def texts(self, key: str) -> list[str]:
+        """Return the texts under a key, which has a list of them, or one."""
+        value = self.get(key) or []
+        texts = [value] if isinstance(value, str) else value
+        if not isinstance(texts, list) or not all(isinstance(text, str) for text in texts):
+            raise self.error(key, f'{key}: expected a list of texts')
+        return texts
+
 
 def load_yaml(path: Path, what: str = 'a file of options') -> Section:
     """

@@ -92,7 +92,7 @@ def test_a_suite_has_the_same_manifest_with_any_number_of_processes(lab):
 def test_what_cannot_be_verified_is_one_line_and_status_2(lab):
     assert 'nowhere.json: No such file' in complaint('score', '--verify', 'nowhere.json', cwd=lab)
     (lab / 'm.json').write_text('{"schema": ')
-    assert 'damaged one' in complaint('score', '--verify', 'm.json', cwd=lab)
+    assert 'is damaged' in complaint('score', '--verify', 'm.json', cwd=lab)
     for rest in (['suite.yaml'], ['--json'], ['--tags', 'a'], ['--manifest', 'x']):
         assert 'goes alone' in complaint('score', '--verify', 'm.json', *rest, cwd=lab)
     assert 'give a SUITE.yaml, or a manifest' in complaint('score', cwd=lab)
@@ -104,7 +104,7 @@ def test_what_cannot_be_verified_is_one_line_and_status_2(lab):
         (['--stack-name', 'okvis'], 'goes with --manifest'),
         (['--calibration', 'vio.yaml'], 'goes with --manifest'),
         (['--sequence', 'V1_02'], 'goes with --manifest'),
-        (['--manifest', 'm.json', '--stack-config', 'no.yaml'], 'no.yaml: there is no such file'),
+        (['--manifest', 'm.json', '--stack-config', 'no.yaml'], 'no.yaml: no such file'),
         (['--manifest', 'nowhere/m.json'], 'there is no folder nowhere'),
         (['--manifest', 'gt.tum'], 'would overwrite the input gt.tum'),
         (['--manifest', 'm.json', '--report', 'json:m.json'], 'would overwrite'),
@@ -144,8 +144,8 @@ def test_a_replay_writes_nothing_where_an_input_is(lab, report):
     [
         ('manifest: nowhere/m.json', 'there is no folder nowhere'),
         ('manifest: suite.yaml', 'would overwrite the input suite.yaml'),
-        ('manifest: m.json\ncalibration: no.yaml', 'no.yaml: there is no such file'),
-        ('manifest: m.json\nstack: {version: 2.1}', 'put it into quotes'),
+        ('manifest: m.json\ncalibration: no.yaml', 'no.yaml: no such file'),
+        ('manifest: m.json\nstack: {version: 2.1}', 'put it in quotes'),
     ],
 )
 def test_a_suite_with_such_a_manifest_is_not_scored_first(lab, line, problem):

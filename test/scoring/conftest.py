@@ -1,5 +1,9 @@
 """Runs whose figures are known: a circle of ground truth, and estimates that are off by some."""
 
+from collections.abc import Callable
+from importlib import import_module
+from itertools import count
+import os
 from pathlib import Path
 
 import numpy as np
@@ -7,8 +11,10 @@ import pytest
 
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.rendering.text import tum
-from vio_eval_ros.scoring.scoring import score_suite, SuiteResult
-from vio_eval_ros.scoring.suite import Suite
+from vio_eval_ros.scoring import scoring
+from vio_eval_ros.scoring.loading import load_suite
+from vio_eval_ros.scoring.results import SuiteResult
+from vio_eval_ros.scoring.scoring import score_suite
 
 SECONDS = np.arange(0.0, 20.0, 0.05)
 ANGLES = 0.2 * np.pi * SECONDS  # two whole rounds
@@ -59,7 +65,41 @@ class Lab:
 
     def score(self, *sequences: str, top: str = '', jobs: int = 2) -> SuiteResult:
         """Return what a suite is worth."""
-        return score_suite(Suite.load(self.suite(*sequences, top=top)), jobs)
+        return score_suite(load_suite(self.suite(*sequences, top=top)), jobs)
+
+
+SABOTEUR = """
+import faulthandler, os, signal, sys
+from vio_eval_ros.scoring import run
+
+read, original = run.read_sources, run.score_specs
+
+
+def read_sources(specs, *arguments):
+    {statement}
+    return read(specs, *arguments)
+
+
+def score(*arguments):
+    run.read_sources = read_sources
+    return original(*arguments)
+"""
+
+
+@pytest.fixture
+def sabotage(tmp_path_factory, monkeypatch) -> Callable[[str], None]:
+    """Return what has a statement executed before the ``specs`` of a run are read."""
+    modules = count()
+
+    def sabotaged(statement: str) -> None:
+        folder = tmp_path_factory.mktemp('sabotage')
+        # a name of its own: the processes of earlier tests may have imported others
+        name = f'saboteur_{os.getpid()}_{folder.name}_{next(modules)}'
+        (folder / f'{name}.py').write_text(SABOTEUR.format(statement=statement))
+        monkeypatch.syspath_prepend(folder)
+        monkeypatch.setattr(scoring, 'score_specs', import_module(name).score)
+
+    return sabotaged
 
 
 @pytest.fixture

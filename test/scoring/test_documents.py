@@ -19,7 +19,8 @@ from xmlschema import XMLSchema
 from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.scoring.baseline import Baseline, definition_sha256
 from vio_eval_ros.scoring.documents import SUITE_REPORTS, suite_text
-from vio_eval_ros.scoring.scoring import compared, SuiteResult
+from vio_eval_ros.scoring.results import SuiteResult
+from vio_eval_ros.scoring.scoring import compare_suite
 from vio_eval_ros.scoring.tables import COLUMNS
 
 SCHEMAS = {
@@ -49,7 +50,7 @@ def result(lab) -> SuiteResult:
         'new, gates: {ate_trans_rmse_m: [{max: 0.1}, {max: 0.2, of: worst}]}',
         top='bands: bands.yaml',
     )
-    return compared(after, Baseline(definition_sha256(), recorded))
+    return compare_suite(after, Baseline(definition_sha256(), recorded))
 
 
 @pytest.fixture
@@ -172,7 +173,10 @@ def test_json_has_the_verdicts_and_their_reasons(result):
     assert [set(run) == {'estimate', 'error'} for run in new['runs']] == [False, True, False]
     assert [run.get('success') for run in new['runs']] == [True, None, False]
     assert new['metrics']['ate_trans_rmse_m']['n'] == 2
-    assert content['notes'] == ['new: not in the baseline', 'gone: in the baseline, not scored']
+    assert content['notes'] == [
+        'new: not in the baseline',
+        'gone: in the baseline, but not scored',
+    ]
 
 
 def test_junit_keeps_the_schema_of_jenkins(result, hostile, warned):
@@ -270,7 +274,7 @@ def test_the_terminal_has_the_table_and_the_reasons(result, hostile):
     assert lines[-1] == 'FAIL: 2 of 3 sequences failed'
     assert any('worse: FAIL ate_trans_rmse_m was 0.11 and is 0.21' in line for line in lines)
     assert 'worse: warn ate_trans_rmse_m is 0.21, the gate is ate_trans_rmse_m<=0.1' in lines
-    assert 'note: gone: in the baseline, not scored' in lines
+    assert 'note: gone: in the baseline, but not scored' in lines
     for line in suite_text(hostile).splitlines():
         assert line.isprintable()
     # the table, an empty line, three gates, two runs and the verdict
@@ -306,7 +310,7 @@ def test_runs_that_are_not_in_a_figure_are_not_counted_beside_it(lab):
     (lab.folder / 'b/0.tum').write_text('')
     recorded = lab.score('a', 'b, estimate: "a/*"').sequences
     baseline = {one.sequence.name: one.recorded for one in recorded}
-    result = compared(lab.score('a', 'b'), Baseline(definition_sha256(), baseline))
+    result = compare_suite(lab.score('a', 'b'), Baseline(definition_sha256(), baseline))
     cells = {row[0]: dict(zip(COLUMNS, row, strict=True)) for row in rows(result)[1:]}
     assert (cells['a']['runs'], cells['b']['runs']) == ('2 of 3', '0 of 1')
     assert cells['b']['change'] == ''

@@ -19,17 +19,15 @@ from vio_eval_ros.evaluation.recorded import score_run
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.rendering.text import tum
 from vio_eval_ros.scoring import manifest as manifests
-from vio_eval_ros.scoring import scoring, verification
+from vio_eval_ros.scoring import recorded_manifest
+from vio_eval_ros.scoring import stack as stacks
 from vio_eval_ros.scoring.baseline import Baseline, definition_sha256
-from vio_eval_ros.scoring.manifest import (
-    Document,
-    Manifest,
-    manifest_of_suite,
-    ScoredRun,
-    Stack,
-)
-from vio_eval_ros.scoring.scoring import compared, score_suite
-from vio_eval_ros.scoring.suite import Suite
+from vio_eval_ros.scoring.loading import load_suite
+from vio_eval_ros.scoring.manifest import Manifest, manifest_of_suite
+from vio_eval_ros.scoring.results import RunResult
+from vio_eval_ros.scoring.scoring import compare_suite, score_suite
+from vio_eval_ros.scoring.stack import Document, Stack
+from vio_eval_ros.scoring.suite import RunSpec, Suite
 from vio_eval_ros.scoring.verification import Verification, verify
 from vio_eval_ros.simulation import simulate, write_recording
 from vio_eval_ros.version import __version__
@@ -93,8 +91,12 @@ def manifest_of(
     """Score a run, write its manifest, and return what is in that."""
     sources = read_sources([estimate, truth], origin.get('recording'), origin.get('times'))
     result = score_run(*sources, config, gates)
+    times = origin.pop('times', None)
+    run = RunResult(RunSpec(estimate, estimate, **origin), result)
     manifest = Manifest(file)
-    manifest.add_sequence('V1_02', config, stack, [ScoredRun(estimate, truth, result, **origin)])
+    manifest.add_sequence(
+        'V1_02', [run], ground_truth=truth, config=config, stack=stack, times=times
+    )
     file.write_text(manifest.to_json())
     return json.loads(file.read_text())
 
@@ -153,7 +155,7 @@ def test_configuration_is_embedded_once_and_what_is_no_short_text_is_hashed(fold
     (folder / 'copy.yaml').write_bytes((folder / 'vio.yaml').read_bytes())
     (folder / 'net.onnx').write_bytes(b'\xff\x00')
     (folder / 'long.txt').write_text('word ' * 100)
-    monkeypatch.setattr(manifests, 'MAX_TEXT_BYTES', 400)
+    monkeypatch.setattr(stacks, 'MAX_TEXT_BYTES', 400)
     names = ['vio.yaml', 'copy.yaml', 'net.onnx', 'long.txt']
     stated = {'name': 'okvis', 'version': '2', 'commit': '4f2a9c1', 'config': names}
     stack = Stack.of(stated, [Path('cam.yaml')])
@@ -176,11 +178,11 @@ def test_configuration_is_embedded_once_and_what_is_no_short_text_is_hashed(fold
     ('stated', 'problem'),
     [
         ({'comit': 'a'}, "stack: there is no 'comit' here; did you mean 'commit'?"),
-        ({'version': 2.1}, "stack: version: '2.1' is no text; put it into quotes"),
-        ({'config': {'a': 1}}, 'stack: config: a list of files is expected'),
-        ({'config': [1]}, 'stack: config: a list of files is expected'),
-        ({'config': ['nowhere.yaml']}, 'nowhere.yaml: there is no such file'),
-        ({'config': ['runs']}, 'runs: is no file'),
+        ({'version': 2.1}, "stack: version: '2.1' is not text; put it in quotes"),
+        ({'config': {'a': 1}}, 'stack: config: expected a list of files'),
+        ({'config': [1]}, 'stack: config: expected a list of files'),
+        ({'config': ['nowhere.yaml']}, 'nowhere.yaml: no such file'),
+        ({'config': ['runs']}, 'runs: not a file'),
     ],
 )
 def test_a_stack_that_makes_no_sense_is_an_error(folder, stated, problem):
@@ -253,7 +255,7 @@ def suite(folder) -> Suite:
     write_recording(FLIGHT, folder / 'flight')
     (folder / 'runs/lost.tum').write_text('1 0 0 0 0 0 0 1\n')
     (folder / 'suite.yaml').write_text(SUITE)
-    return Suite.load(Path('suite.yaml'))
+    return load_suite(Path('suite.yaml'))
 
 
 def write_suite(suite: Suite, baseline: Path | None = None) -> dict[str, Any]:
@@ -309,7 +311,7 @@ def test_a_run_that_could_not_be_scored_and_now_can_is_told(folder, suite):
 
 
 def test_an_estimate_that_was_missing_and_now_is_there_is_told(folder, suite):
-    suite = Suite.load(folder / 'suite.yaml', ['sequences.revised.estimate=runs/no.tum'])
+    suite = load_suite(folder / 'suite.yaml', ['sequences.revised.estimate=runs/no.tum'])
     write_suite(suite)
     assert verify(folder / 'manifest.json').differences == ()
     shutil.copy('runs/b.tum', 'runs/no.tum')
@@ -318,15 +320,8 @@ def test_an_estimate_that_was_missing_and_now_is_there_is_told(folder, suite):
     assert 'revised: verdict was fail, is pass' in found.differences
 
 
-def test_a_run_that_took_its_process_down_does_so_again_and_stops_nothing(
-    folder, suite, monkeypatch
-):
-    read = scoring.read_sources
-
-    def dying(specs, *arguments):
-        return os._exit(7) if 'lost' in specs[0] else read(specs, *arguments)
-
-    monkeypatch.setattr(scoring, 'read_sources', dying)
+def test_a_run_that_killed_its_process_does_so_again_and_stops_nothing(folder, suite, sabotage):
+    sabotage("'lost' in specs[0] and os._exit(7)")
     content = write_suite(suite)
     assert content['sequences'][0]['runs'][2]['error'].endswith('died: exit status 7')
     assert verify(folder / 'manifest.json').differences == ()
@@ -342,11 +337,11 @@ def judged(folder, suite) -> dict[str, Any]:
         f'sequences.recorded.gates.{ATE}=[{{max: 1, warn: 0.001}}, {{max: 1, of: worst}}]',
         'sequences.files.gates.success_rate.min=0.5',
     )
-    suite = Suite.load(folder / 'suite.yaml', changes)
+    suite = load_suite(folder / 'suite.yaml', changes)
     finished = manifest_of_suite(suite.manifest, suite)
     result = score_suite(suite, 1)
     recorded = {'revised': result.sequences[2].recorded}
-    result = compared(result, Baseline(definition_sha256(), recorded))
+    result = compare_suite(result, Baseline(definition_sha256(), recorded))
     suite.manifest.write_text(finished(result))
     content = json.loads(suite.manifest.read_text())
     assert content['set'] == list(changes)
@@ -460,7 +455,7 @@ def without_verdict(content: dict[str, Any], *names: str) -> None:
 )
 def test_what_was_taken_out_of_a_manifest_is_missed(folder, judged, harm):
     harm(judged)
-    with pytest.raises(ReadError, match='is no manifest, or a damaged one'):
+    with pytest.raises(ReadError, match='is not a manifest, or is damaged'):
         verified(folder / 'manifest.json', judged)
     assert not valid(judged)
 
@@ -504,13 +499,13 @@ def test_warnings_are_compared_without_the_folders_in_them(folder, monkeypatch):
 )
 def test_a_damaged_judgement_is_one_line(folder, judged, damage):
     damage(judged['sequences'][2])
-    with pytest.raises(ReadError, match='is no manifest, or a damaged one'):
+    with pytest.raises(ReadError, match='is not a manifest, or is damaged'):
         verified(folder / 'manifest.json', judged)
 
 
 def test_a_suite_named_by_an_absolute_path_has_relative_paths_all_the_same(folder, suite):
     relative = write_suite(suite)
-    absolute = write_suite(Suite.load(folder / 'suite.yaml'))
+    absolute = write_suite(load_suite(folder / 'suite.yaml'))
     for one, other in zip(relative['sequences'], absolute['sequences'], strict=True):
         for key in ('estimate', 'ground_truth', 'causal'):
             assert one['runs'][0][key] == other['runs'][0][key]
@@ -536,7 +531,7 @@ def test_a_changed_estimate_is_told_with_what_came_of_it(folder):
     assert found.reproduced == 0
     assert found.differences[0] == f'V1_02, runs/a.tum: {folder}/runs/a.tum has changed'
     assert any(
-        'inputs.estimate.poses was 40, is 30 (-10, 0.25 of it)' in line
+        'inputs.estimate.poses was 40, is 30 (-10, 25 % change)' in line
         for line in found.differences
     )
     assert any(': ate_trans_rmse_m was ' in line for line in found.differences)
@@ -586,7 +581,7 @@ def test_metrics_that_differ_are_told_with_by_how_much_in_the_order_of_the_resul
     ]  # fmt: skip
     assert found.differences[2].endswith('was 3.5, is None')
     assert found.differences[0].endswith(
-        f'was {before / 2}, is {before} (+{before / 2:.2g}, 0.5 of it)'
+        f'was {before / 2}, is {before} (+{before / 2:.2g}, 50 % change)'
     )
     assert found.reproduced == 0
 
@@ -601,7 +596,7 @@ def test_of_many_differences_the_first_are_told_and_the_largest(folder):
     assert len(found.differences) == 21
     assert f': {len(numbers)} of ' in found.differences[-1]
     assert 'values differ, most of all path_length_m, which was ' in found.differences[-1]
-    assert found.differences[-1].endswith(', 0.9 of it)')
+    assert found.differences[-1].endswith(', 90 % change)')
 
 
 def test_other_options_are_told(folder):
@@ -621,7 +616,7 @@ def test_gates_are_judged_again(folder):
     assert found.differences == ('V1_02, runs/a.tum: verdict was pass, is fail',)
     the_run(content)['result']['gates'][0]['metric'] = 'ate_of_old'
     found = verified(folder / 'manifest.json', content)
-    assert "cannot be scored any more: gate 'ate_of_old<=1e-06'" in found.differences[0]
+    assert "can no longer be scored: gate 'ate_of_old<=1e-06'" in found.differences[0]
 
 
 def test_a_later_version_may_know_more_metrics_but_not_fewer(folder):
@@ -662,21 +657,21 @@ def huge_limit(content: dict[str, Any]) -> None:
 @pytest.mark.parametrize(
     ('damage', 'problem'),
     [
-        (lambda c: c.update(schema='vio_eval_ros.manifest/2'), 'is of schema vio_eval_ros.man'),
-        (lambda c: c.pop('sequences'), "damaged one (there is no 'sequences' in it)"),
+        (lambda c: c.update(schema='vio_eval_ros.manifest/2'), 'has the schema vio_eval_ros.man'),
+        (lambda c: c.pop('sequences'), "damaged ('sequences' is missing)"),
         (
             lambda c: the_run(c).update(estimate=None),
-            'damaged one (a part of it is of another kind)',
+            'damaged (a field has the wrong type)',
         ),
         (
             lambda c: the_run(c)['result'].pop('metrics'),
-            "damaged one (there is no 'metrics' in it)",
+            "damaged ('metrics' is missing)",
         ),
-        (nothing, 'has no result that could be reproduced'),
+        (nothing, 'contains no result that could be reproduced'),
         (lambda c: the_run(c)['result'].update(metrics={}), 'a result has no metrics'),
-        (other_text, 'damaged one (text 000000000000 is not what it was)'),
+        (other_text, 'damaged (text 000000000000 has changed)'),
         (unknown_option, "unknown option 'alignement'; did you mean 'alignment'?"),
-        (huge_limit, 'damaged one (a part of it is of another kind)'),
+        (huge_limit, 'damaged (a field has the wrong type)'),
     ],
 )
 def test_a_damaged_manifest_is_one_line(folder, damage: Callable[[dict], None], problem):
@@ -694,7 +689,7 @@ def test_a_damaged_manifest_is_one_line(folder, damage: Callable[[dict], None], 
 )
 def test_what_is_no_manifest_is_one_line(folder, text):
     Path('manifest.json').write_text(text)
-    with pytest.raises(ReadError, match=r'no manifest, or a damaged one|is of schema'):
+    with pytest.raises(ReadError, match=r'not a manifest, or is damaged|has the schema'):
         verify(Path('manifest.json'))
     with pytest.raises(ReadError, match='No such file'):
         verify(Path('nowhere.json'))
@@ -705,13 +700,13 @@ def test_a_truncated_manifest_is_one_line(folder):
     whole = Path('manifest.json').read_bytes()
     for length in (10, len(whole) // 2, len(whole) - 3):
         Path('manifest.json').write_bytes(whole[:length])
-        with pytest.raises(ReadError, match='damaged one'):
+        with pytest.raises(ReadError, match='is damaged'):
             verify(Path('manifest.json'))
 
 
 def test_a_manifest_that_is_too_large_is_neither_read_nor_written(folder, monkeypatch):
     manifest_of(folder / 'manifest.json')
-    monkeypatch.setattr(verification, 'MAX_BYTES', 1 << 10)
+    monkeypatch.setattr(recorded_manifest, 'MAX_BYTES', 1 << 10)
     with pytest.raises(ReadError, match='is larger than 0 MiB'):
         verify(Path('manifest.json'))
     monkeypatch.setattr(manifests, 'MAX_BYTES', 1 << 10)

@@ -11,11 +11,12 @@ import pytest
 
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.rendering.text import tum
-from vio_eval_ros.scoring.baseline import Baseline, definition_sha256, Recorded
+from vio_eval_ros.scoring.baseline import Baseline, BaselineSequence, definition_sha256
 from vio_eval_ros.scoring.html import suite_html
+from vio_eval_ros.scoring.loading import load_suite
 from vio_eval_ros.scoring.plots import MARKERS
-from vio_eval_ros.scoring.scoring import compared, score_suite, SequenceResult, SuiteResult
-from vio_eval_ros.scoring.suite import Suite
+from vio_eval_ros.scoring.results import SequenceResult, SuiteResult
+from vio_eval_ros.scoring.scoring import compare_suite, score_suite
 from vio_eval_ros.scoring.tables import problems
 from vio_eval_ros.simulation import simulate
 
@@ -59,14 +60,16 @@ def result(tmp_path_factory) -> SuiteResult:
     """Return a suite that became worse than its baseline, and failed otherwise as well."""
     folder = tmp_path_factory.mktemp('suite')
     write_runs(folder, [0.02, 0.021, 0.022, 0.023, 0.024])
-    before = score_suite(Suite.load(folder / 'suite.yaml'), 2)
+    before = score_suite(load_suite(folder / 'suite.yaml'), 2)
     write_runs(folder, [0.06, 0.061, 0.062, 0.063, 0.064])
-    return against(score_suite(Suite.load(folder / 'suite.yaml'), 2), before)
+    return against(score_suite(load_suite(folder / 'suite.yaml'), 2), before)
 
 
 def against(result: SuiteResult, before: SuiteResult) -> SuiteResult:
-    recorded: dict[str, Recorded] = {one.sequence.name: one.recorded for one in before.sequences}
-    return compared(result, Baseline(definition_sha256(), recorded))
+    recorded: dict[str, BaselineSequence] = {
+        one.sequence.name: one.recorded for one in before.sequences
+    }
+    return compare_suite(result, Baseline(definition_sha256(), recorded))
 
 
 @pytest.fixture(scope='module')
@@ -217,7 +220,7 @@ sequences:
     estimate: {orb}
     ground_truth: {shared_data}/gt_euroc/orbslam3_left_cam/MH01_GT.txt
 """)
-    result = score_suite(Suite.load(file), 2)
+    result = score_suite(load_suite(file), 2)
     return against(result, result)
 
 

@@ -23,7 +23,10 @@ from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.tables import series_csv
 from vio_eval_ros.reports.text import text_report
-from vio_eval_ros.scoring.manifest import Manifest, ScoredRun, Stack, STACK_KEYS
+from vio_eval_ros.scoring.manifest import Manifest
+from vio_eval_ros.scoring.results import RunResult
+from vio_eval_ros.scoring.stack import Stack, STACK_KEYS
+from vio_eval_ros.scoring.suite import RunSpec
 from vio_eval_ros.settings import gates_of
 
 SERIES = ('csv',)
@@ -165,14 +168,13 @@ def _stack(arguments: argparse.Namespace) -> Stack:
 def _manifest(arguments: argparse.Namespace, stack: Stack, result: Result) -> str:
     """Return the manifest of the run."""
     estimate, truth = result.estimate, result.ground_truth
-    run = ScoredRun(
-        estimate.source,
-        truth.source,
-        result,
-        recording=arguments.recording,
+    manifest = Manifest(arguments.manifest)
+    manifest.add_sequence(
+        arguments.sequence or (arguments.recording or truth.paths[0]).stem,
+        [RunResult(RunSpec(estimate.source, estimate.source, arguments.recording), result)],
+        ground_truth=truth.source,
+        config=result.config,
+        stack=stack,
         times=arguments.times,
     )
-    manifest = Manifest(arguments.manifest)
-    name = arguments.sequence or (arguments.recording or truth.paths[0]).stem
-    manifest.add_sequence(name, result.config, stack, [run])
     return manifest.to_json()

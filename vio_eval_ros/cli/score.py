@@ -16,8 +16,10 @@ from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE
 from vio_eval_ros.rendering.text import printable
 from vio_eval_ros.scoring.baseline import Baseline, CONDITIONS, definition_sha256
 from vio_eval_ros.scoring.documents import SUITE_REPORTS, suite_text
+from vio_eval_ros.scoring.loading import load_suite
 from vio_eval_ros.scoring.manifest import manifest_of_suite
-from vio_eval_ros.scoring.scoring import compared, score_suite, SuiteResult
+from vio_eval_ros.scoring.results import SuiteResult
+from vio_eval_ros.scoring.scoring import compare_suite, score_suite
 from vio_eval_ros.scoring.suite import Suite
 from vio_eval_ros.scoring.verification import verify
 
@@ -112,14 +114,14 @@ def _score(arguments: argparse.Namespace) -> int:
         raise ConfigError('--accept goes with --baseline')
     if arguments.jobs < 1:
         raise ConfigError('--jobs: at least 1 is needed')
-    suite = Suite.load(arguments.suite, arguments.set, arguments.tags)
+    suite = load_suite(arguments.suite, arguments.set, arguments.tags)
     outputs = _outputs(arguments, suite)
     baseline = None if arguments.baseline is None else Baseline.load(arguments.baseline)
     if baseline is not None:  # before hours of scoring, what can be known by then
         baseline.check({one.name: one.conditions for one in suite.sequences}, arguments.accept)
     result = score_suite(suite, arguments.jobs, _progress)
     if baseline is not None:
-        result = compared(result, baseline, arguments.accept)
+        result = compare_suite(result, baseline, arguments.accept)
     done = [written('score', target, partial(render, result)) for target, render in outputs]
     text = SUITE_REPORTS['json'](result) if arguments.json else suite_text(result)
     print(text, end='', flush=True)
@@ -180,5 +182,4 @@ def _progress(items: Iterable[Any], total: int) -> Iterator[Any]:
     else:
         from tqdm import tqdm
 
-        tqdm.monitor_interval = 0  # no thread: processes are forked
         yield from tqdm(items, 'scoring', total, unit='run', leave=False)

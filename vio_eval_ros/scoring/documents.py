@@ -9,7 +9,7 @@ from vio_eval_ros.core.gates import Verdict
 from vio_eval_ros.rendering.text import escaped, number, printable
 from vio_eval_ros.reports.documents import junit
 from vio_eval_ros.scoring.html import suite_html
-from vio_eval_ros.scoring.scoring import SequenceResult, SuiteResult
+from vio_eval_ros.scoring.results import SequenceResult, SuiteResult
 from vio_eval_ros.scoring.suite import RunsGate, SUCCESS_RATE
 from vio_eval_ros.scoring.tables import (
     ATE,

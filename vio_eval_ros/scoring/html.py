@@ -21,9 +21,9 @@ from vio_eval_ros.rendering.page import (
 )
 from vio_eval_ros.rendering.text import number, percent
 from vio_eval_ros.reports.html import course, gate_rows, options
-from vio_eval_ros.scoring.baseline import Comparison
+from vio_eval_ros.scoring.comparison import MetricComparison
 from vio_eval_ros.scoring.plots import marks, strips
-from vio_eval_ros.scoring.scoring import RunResult, SequenceResult, SuiteResult
+from vio_eval_ros.scoring.results import RunResult, SequenceResult, SuiteResult
 from vio_eval_ros.scoring.suite import RunsGate
 from vio_eval_ros.scoring.tables import ATE, cautions, COLUMNS, problems, row_of, worst_first
 
@@ -160,10 +160,10 @@ def _strips(one: SequenceResult) -> Iterator[Html]:
             yield plot(strips(metric, [('', line)]), 110, f'{metric} of every run')
 
 
-def _compared(comparisons: Iterable[Comparison]) -> Html:
+def _compared(comparisons: Iterable[MetricComparison]) -> Html:
     """Return what became of each metric since the baseline; nothing without one."""
 
-    def change(each: Comparison) -> str:
+    def change(each: MetricComparison) -> str:
         share = each.difference / each.baseline.median if each.baseline.median else math.nan
         return '-' if math.isnan(share) else f'{100 * share:+.1f} %'
 

@@ -18,7 +18,7 @@ from vio_eval_ros.rendering.figures import (
     shortened,
 )
 from vio_eval_ros.rendering.text import number
-from vio_eval_ros.scoring.scoring import SequenceResult
+from vio_eval_ros.scoring.results import SequenceResult
 
 MOST_LETTERS = 20
 #: how far below the middle of its line a kind of mark is, and its style; later kinds are on top

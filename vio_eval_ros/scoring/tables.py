@@ -9,8 +9,8 @@ import math
 from vio_eval_ros.core.gates import Verdict
 from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.rendering.text import number, percent
-from vio_eval_ros.scoring.baseline import Comparison
-from vio_eval_ros.scoring.scoring import SequenceResult, SuiteResult
+from vio_eval_ros.scoring.comparison import MetricComparison
+from vio_eval_ros.scoring.results import SequenceResult, SuiteResult
 from vio_eval_ros.scoring.suite import RunsGate, SUCCESS_RATE
 
 ATE = 'ate_trans_rmse_m'
@@ -103,7 +103,7 @@ def broken_gate(gate: RunsGate, verdict: Verdict) -> str:
     return f'{what} is {number(verdict.value)}, the gate is {verdict.gate}'
 
 
-def worse_metric(one: Comparison) -> str:
+def worse_metric(one: MetricComparison) -> str:
     """Return how much worse a metric is than in the baseline, and how sure that is."""
     metric, low, high = one.rule.metric, *one.interval
     was, now = number(one.baseline.median), number(one.candidate.median)

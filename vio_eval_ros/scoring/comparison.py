@@ -1,0 +1,248 @@
+"""
+Whether a metric became worse: repeated runs of a baseline against those of a candidate.
+
+A stack is not deterministic, so each side is a distribution over runs. A metric is worse when its
+median moved by more than a rule allows, and a permutation test finds such a difference unlikely by
+chance. The test compares means trimmed of the outermost fifth on either side: they resist outliers
+as medians do, but the medians of five runs take too few values to test with.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.settings import finite
+
+RESAMPLES = 9999
+SEED = 0
+CONFIDENCE = 0.95
+#: share of the values that a mean leaves out at either end
+TRIMMED = 0.2
+DEFAULT_P = 0.05
+#: stands in for the value of a run without one, in multiples of the largest known value
+MISSING_VALUE = 1e3
+HIGHER_IS_BETTER = ('coverage_ratio', 'matched_ratio')
+LOWER_IS_BETTER = ('_m', '_deg', '_percent', '_deg_per_m', 'ate_extent_ratio', 'loop_closure_gain')
+#: in spite of their unit, neither more nor less of these is worse
+NEITHER = ('path_length_m',)
+
+
+class Rule(NamedTuple):
+    """
+    When a metric is worse than the baseline's.
+
+    Its median must be worse by more than each of ``relative`` (times the baseline's median),
+    ``absolute`` and ``mad`` (times the baseline's median absolute deviation), and the p-value
+    of that must be at most ``p``.
+    """
+
+    metric: str
+    relative: float = 0.16
+    absolute: float = 0.0
+    mad: float = 0.0
+    p: float = DEFAULT_P
+
+    @classmethod
+    def of(cls, metric: str, limits: Any) -> Rule:
+        """Return the rule of ``{relative: 0.16, absolute: 0.01, mad: 3, p: 0.05}``."""
+        known = cls._fields[1:]
+        if not isinstance(limits, Mapping) or not limits.keys() <= set(known):
+            raise ConfigError(f'compare {metric}: expected any of {", ".join(known)}, as numbers')
+        numbers = {name: finite(value) for name, value in limits.items()}
+        for name, number in numbers.items():
+            if not 0 <= number <= (1 if name == 'p' else math.inf):
+                expected = 'number from 0 to 1' if name == 'p' else 'finite number >= 0'
+                raise ConfigError(
+                    f"compare {metric}: {name}: '{limits[name]}' is not a {expected}"
+                )
+        worse_sign(metric)
+        return cls(metric, **numbers)
+
+
+def worse_sign(metric: str) -> int:
+    """Return 1 where a higher value of a metric is worse, -1 where a lower one is."""
+    if metric in HIGHER_IS_BETTER:
+        return -1
+    if metric.endswith(LOWER_IS_BETTER) and metric not in NEITHER:
+        return 1
+    raise ConfigError(f'compare {metric}: neither a higher nor a lower value is worse')
+
+
+@dataclass(frozen=True)
+class Distribution:
+    """The values of a metric over repeated runs; empty where no run has one."""
+
+    values: tuple[float, ...]
+
+    @property
+    def median(self) -> float:
+        """Median; NaN where there are no values."""
+        return float(np.median(self.values)) if self.values else math.nan
+
+    @property
+    def mad(self) -> float:
+        """Median absolute deviation from the median; NaN where there are no values."""
+        if not self.values:
+            return math.nan
+        return float(np.median(np.abs(np.array(self.values) - self.median)))
+
+    def to_dict(self) -> dict[str, float]:
+        """Return the summary of the distribution as results have it."""
+        least, most = (min(self.values), max(self.values)) if self.values else (math.nan,) * 2
+        return {
+            'median': self.median,
+            'mad': self.mad,
+            'min': least,
+            'max': most,
+            'n': len(self.values),
+        }
+
+
+@dataclass(frozen=True)
+class MetricComparison:
+    """
+    A metric of the candidate compared with the baseline.
+
+    :param missing: runs of the candidate without a value; each counts as worse than any other.
+    :param difference: of the medians, candidate minus baseline; NaN where either is unknown.
+    :param allowed: by how much it may be worse.
+    :param p_value: one-sided; NaN where there are too few runs for a test.
+    """
+
+    rule: Rule
+    baseline: Distribution
+    candidate: Distribution
+    missing: int
+    difference: float
+    allowed: float
+    p_value: float
+    worse: bool
+
+    @cached_property
+    def interval(self) -> tuple[float, float]:
+        """Bootstrap confidence interval (95 %) of the difference; NaN for single runs."""
+        if self.missing or min(len(self.baseline.values), len(self.candidate.values)) < 2:
+            return math.nan, math.nan
+        return _interval(self.baseline.values, self.candidate.values)
+
+    @property
+    def least_p_value(self) -> float:
+        """The smallest p-value that so many runs can have."""
+        return _least_p_value(len(self.baseline.values), len(self.candidate.values) + self.missing)
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the median is worse than allowed, but not the trimmed mean that is tested."""
+        sign = worse_sign(self.rule.metric)
+        return not self.worse and sign * self.difference > self.allowed and self.p_value > 0.5
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the comparison as results have it."""
+        return {
+            'metric': self.rule.metric,
+            'baseline': self.baseline.to_dict(),
+            'candidate': self.candidate.to_dict(),
+            'missing': self.missing,
+            'difference': self.difference,
+            'relative_difference': self.difference / self.baseline.median
+            if self.baseline.median
+            else math.nan,
+            'allowed': self.allowed,
+            'p_value': self.p_value,
+            'confidence_interval': list(self.interval),
+            'worse': self.worse,
+        }
+
+
+def compare(
+    rule: Rule, baseline: Sequence[float], candidate: Sequence[float], missing: int = 0
+) -> MetricComparison:
+    """
+    Return whether a metric is worse than in the baseline, beyond the noise of both.
+
+    It is worse where most runs of the candidate have no value and the baseline had one. With so
+    few runs that no outcome could be significant (1 and 1, say), the limits of the rule decide
+    alone.
+
+    :param missing: runs of the candidate without a value.
+    """
+    sign = worse_sign(rule.metric)
+    old, new = Distribution(tuple(baseline)), Distribution(tuple(candidate))
+    all_new = Distribution((*new.values, *[sign * math.inf] * missing))
+    difference = all_new.median - old.median
+    allowed = max(rule.relative * abs(old.median), rule.absolute, rule.mad * old.mad)
+    p_value = math.nan
+    if not math.isfinite(difference):
+        difference, worse = math.nan, bool(old.values)
+    else:
+        if _least_p_value(len(old.values), len(all_new.values)) <= DEFAULT_P:
+            p_value = _p_value(sign, old.values, all_new.values)
+        worse = sign * difference > allowed and not p_value > rule.p
+    return MetricComparison(
+        rule=rule,
+        baseline=old,
+        candidate=new,
+        missing=missing,
+        difference=difference,
+        allowed=allowed,
+        p_value=p_value,
+        worse=worse,
+    )
+
+
+def _least_p_value(old: int, new: int) -> float:
+    """Return the smallest p-value that so many runs can have."""
+    return 1 / math.comb(old + new, new)
+
+
+def _p_value(sign: int, old: Sequence[float], new: Sequence[float]) -> float:
+    """
+    Return the one-sided p-value of a permutation test on the trimmed means.
+
+    It is the share of all ways to divide the values into groups of these sizes that separates the
+    groups at least as far; of RESAMPLES random ones where there are more ways than that.
+
+    :param sign: 1 where higher values are worse, -1 where lower ones are.
+    """
+    values, size = np.array([*new, *old]), len(new)
+    most = np.abs(values[np.isfinite(values)]).max()
+    values = np.clip(values, -MISSING_VALUE * most, MISSING_VALUE * most)
+    if math.comb(len(values), size) <= RESAMPLES:
+        first = np.array(list(combinations(range(len(values)), size)))
+        others = np.ones((len(first), len(values)), bool)
+        np.put_along_axis(others, first, False, axis=1)
+        orders = np.hstack([first, np.nonzero(others)[1].reshape(len(first), -1)])
+    else:
+        orders = np.tile(np.arange(len(values)), (RESAMPLES, 1))
+        orders[1:] = np.random.default_rng(SEED).permuted(orders[1:], axis=1)
+    divided = values[orders]
+    apart = sign * (_trimmed_mean(divided[:, :size]) - _trimmed_mean(divided[:, size:]))
+    # the first is the true division; equal ones may differ from it in the last bits
+    return float(np.mean(apart >= apart[0] - 1e-12 * np.abs(values).max()))
+
+
+def _trimmed_mean(values: np.ndarray) -> np.ndarray:
+    """Return the mean of each row, trimmed by TRIMMED at either end."""
+    cut = int(TRIMMED * values.shape[1])
+    kept = np.sort(values, axis=1)[:, cut : values.shape[1] - cut]
+    return np.asarray(kept.mean(axis=1))
+
+
+def _interval(old: Sequence[float], new: Sequence[float]) -> tuple[float, float]:
+    """Return the bootstrap confidence interval (percentiles) of the difference of the medians."""
+    random = np.random.default_rng(SEED)
+    one, other = (
+        np.median(np.array(values)[random.integers(len(values), size=(RESAMPLES, len(values)))], 1)
+        for values in (new, old)
+    )
+    beyond = (1 - CONFIDENCE) / 2
+    low, high = np.quantile(one - other, [beyond, 1 - beyond])
+    return float(low), float(high)
