@@ -24,7 +24,7 @@ from vio_eval_ros.core.limits import Limits
 from vio_eval_ros.errors import VioEvalError
 from vio_eval_ros.inspection.expectations import Expectations
 from vio_eval_ros.inspection.limits import InspectionLimits
-from vio_eval_ros.scoring.suite import Suite
+from vio_eval_ros.scoring.loading import load_suite
 from vio_eval_ros.settings import gates_of, LIMITED, limits_of, options_of
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -227,7 +227,7 @@ def read(schema: str, file: Path) -> None:
     elif schema == 'limits':
         limits_of(InspectionLimits, 'inspect', 'drone', file)
     else:
-        readers = {'gates': gates_of, 'expectations': Expectations.load, 'suite-file': Suite.load}
+        readers = {'gates': gates_of, 'expectations': Expectations.load, 'suite-file': load_suite}
         readers[schema](file)
 
 

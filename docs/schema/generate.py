@@ -23,8 +23,8 @@ from vio_eval_ros.imu.limits import ImuNoiseLimits
 from vio_eval_ros.inspection import expectations
 from vio_eval_ros.inspection.limits import InspectionLimits
 from vio_eval_ros.live.options import NodeConfig
-from vio_eval_ros.scoring import suite
-from vio_eval_ros.scoring.baseline import Rule
+from vio_eval_ros.scoring import criteria, loading, suite
+from vio_eval_ros.scoring.comparison import Rule
 
 Schema = dict[str, Any]
 #: verb to its limits
@@ -183,7 +183,7 @@ def suite_file() -> Schema:
             description='when a metric is worse than in the baseline: beyond all of these',
         ),
         'bands': described(TEXT, 'file with what published systems reach, see bands.json'),
-        'modality': {'enum': list(suite.MODALITIES), 'description': 'sensors of the system'},
+        'modality': {'enum': list(criteria.MODALITIES), 'description': 'sensors of the system'},
         'tags': described(TEXTS, 'names by which `score --tags` selects sequences'),
         'stack': table(
             {
@@ -209,8 +209,8 @@ def suite_file() -> Schema:
         'recording': described(TEXT, 'bag in which topics are; a glob is one run for each match'),
         'times': described(TEXT, 'stamps of KITTI poses'),
     }
-    assert tuple(shared) == suite.SHARED_KEYS
-    assert {*own, *shared} == set(suite.SEQUENCE_KEYS)
+    assert tuple(shared) == loading.SHARED_KEYS
+    assert {*own, *shared} == set(loading.SEQUENCE_KEYS)
     assert tuple(rule) == Rule._fields[1:]
     of_shared = {key: {'$ref': f'#/$defs/{key}'} for key in shared}
     sequence = table({**own, **of_shared}, required=['name', 'estimate', 'ground_truth'])
@@ -233,7 +233,7 @@ def suite_file() -> Schema:
     definitions = {
         'sequence': sequence,
         'gates_of_metric': {'anyOf': [one, {'type': 'array', 'items': one, 'minItems': 1}]},
-        'gate': gate(suite.GATE_KEYS),
+        'gate': gate(criteria.GATE_KEYS),
         'rule': table(rules),
     }
     return {**top, '$defs': {**definitions, **shared}}
@@ -245,13 +245,13 @@ def bands_file() -> Schema:
         'plausible': 'up to this as good as others; beyond it is suspicious',
         'failed': 'beyond this the system has failed',
     }
-    assert tuple(limits) == suite.BAND_LIMITS
+    assert tuple(limits) == criteria.BAND_LIMITS
     band = {name: described(NUMBER, meaning) for name, meaning in limits.items()}
     modality = {'$ref': '#/$defs/limits'}
     return {
         'description': 'What an ATE means, by sequence: `bands` of a suite.',
         'type': 'object',
-        'additionalProperties': table({**band, **dict.fromkeys(suite.MODALITIES, modality)}),
+        'additionalProperties': table({**band, **dict.fromkeys(criteria.MODALITIES, modality)}),
         '$defs': {'limits': table(band, required=list(band))},
     }
 
