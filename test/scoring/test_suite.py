@@ -291,7 +291,7 @@ GLOB = 'runs/one/*.tum'
         (BOUNDS, '[]', 'line 2: gate ate_trans_rmse_m: give its limits'),
         (BOUNDS, '{max: low}', "line 2: gate ate_trans_rmse_m: 'low' is not a finite number"),
         (BOUNDS, '{warn: 0.2}', 'line 2: gate ate_trans_rmse_m: warn needs'),
-        (BOUNDS, '{max: 0.3, warn: 0.4}', 'line 2: gate ate_trans_rmse_m: beyond warn'),
+        (BOUNDS, '{max: 0.3, warn: 0.4}', 'line 2: gate ate_trans_rmse_m: warn: 0.4 is beyond'),
         (BOUNDS, '{max: 0.1, min: 0.2}', 'line 2: gate ate_trans_rmse_m: no value is both >= 0.2'),
         ('coverage_ratio: {min: 0.5', 'success_rate: {min: 2', 'no value is both >= 2 and <= 1'),
         ('gt.tum\n    options', 'no.tum\n    options', 'line 10: ground_truth: there is no '),
