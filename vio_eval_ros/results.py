@@ -8,8 +8,8 @@ import math
 from typing import Any, TYPE_CHECKING
 
 from vio_eval_ros.core.statistics import STATISTICS
-from vio_eval_ros.diagnosis.diagnosis import Diagnosis as FoundDiagnosis
 from vio_eval_ros.diagnosis.documents import diagnosis_text
+from vio_eval_ros.diagnosis.report import Diagnosis as FoundDiagnosis
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.evaluation.result import Result as RunResult
 from vio_eval_ros.imu.analysis import Analysis

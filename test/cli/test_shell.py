@@ -1,5 +1,6 @@
 """Whatever a verb could not do is one line on stderr and status 2, in a process of its own too."""
 
+import argparse
 import resource
 import sys
 
