@@ -1,5 +1,5 @@
 """
-Measures `imu_noise` on 6 h at 200 Hz: time, memory, and what it finds of the noise put in.
+Measures `imu_noise` on 6 h at 200 Hz: time, memory, and the error of the noise parameters.
 
 Writes the section IMU noise of docs/benchmarks.md, with --quick only prints, of 20 min; exits with
 1 where a target is missed.
@@ -129,7 +129,7 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         for title, (name, kind) in KINDS.items():
             path = Path(folder, name)
-            # by a process of its own: that of `imu_noise` is charged with the memory of this one
+            # in another process: the memory of this one is charged to `imu_noise`, its child
             writer = get_context('spawn').Process(target=write_record, args=(path, kind, hours))
             writer.start()
             writer.join()

@@ -35,7 +35,7 @@ NOISE_FLAGS = {
 EXAMPLES = """
 examples:
   simulate run.mcap --fault time_offset=0.05 --fault scale=1.1
-  simulate harmed --format tum --from est.txt --ground-truth gt.txt --fault outliers=0.01,2
+  simulate faulty --format tum --from est.txt --ground-truth gt.txt --fault outliers=0.01,2
   simulate rest.bag --still --duration-s 10800
 
 exit status: 0 done, 2 could not be done

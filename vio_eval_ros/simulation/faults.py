@@ -68,19 +68,19 @@ def growing_scale(poses: Trajectory, source: np.random.Generator, percent: float
 def drifting_heading(poses: Trajectory, source: np.random.Generator, degrees: float) -> Trajectory:
     """Return a run whose heading drifts by some degrees per minute."""
     minutes = (poses.stamps_ns - poses.stamps_ns[0]) / 60e9
-    turns = rotation.about_z(math.radians(degrees) * minutes)
-    rotations = rotation.multiply(turns, _rotations(poses))
+    headings = rotation.about_z(math.radians(degrees) * minutes)
+    rotations = rotation.multiply(headings, _rotations(poses))
     return replace(
         poses,
-        positions=path_of_changed_steps(poses.positions, rotations=turns),
+        positions=path_of_changed_steps(poses.positions, rotations=headings),
         rotations=rotations,
     )
 
 
 def rotated(poses: Trajectory, source: np.random.Generator, degrees: float) -> Trajectory:
     """Return the poses of a sensor that is rotated in the body, about a random axis."""
-    turn = rotation.from_rotation_vector(_vector(source, math.radians(degrees)))
-    return replace(poses, rotations=rotation.multiply(_rotations(poses), turn))
+    mounting = rotation.from_rotation_vector(_vector(source, math.radians(degrees)))
+    return replace(poses, rotations=rotation.multiply(_rotations(poses), mounting))
 
 
 def displaced(poses: Trajectory, source: np.random.Generator, metres: float) -> Trajectory:
@@ -93,9 +93,9 @@ def tilted(poses: Trajectory, source: np.random.Generator, degrees: float) -> Tr
     """Return the poses in a world that is tilted about a random horizontal axis."""
     heading = source.uniform(0, 2 * math.pi)
     axis = np.array([math.cos(heading), math.sin(heading), 0.0])
-    turn = rotation.from_rotation_vector(axis * math.radians(degrees))
-    rotations = None if poses.rotations is None else rotation.multiply(turn, poses.rotations)
-    return replace(poses, positions=rotation.rotate(turn, poses.positions), rotations=rotations)
+    tilt = rotation.from_rotation_vector(axis * math.radians(degrees))
+    rotations = None if poses.rotations is None else rotation.multiply(tilt, poses.rotations)
+    return replace(poses, positions=rotation.rotate(tilt, poses.positions), rotations=rotations)
 
 
 def jumped(poses: Trajectory, source: np.random.Generator, metres: float) -> Trajectory:
