@@ -224,14 +224,14 @@ class Counts:
     :param matrix: how often each first cause was named, by what was put in.
     :param too_small: faults that do not count, by name.
     :param both: whether both of two faults were named.
-    :param alike: whether the first cause is the same from the pairs alone.
+    :param same_live: whether the first cause is the same from the pairs alone.
     :param recovered: by how much what was measured is off, by its name and unit.
     """
 
     matrix: dict[str, Counter[str]] = field(default_factory=lambda: defaultdict(Counter))
     too_small: Counter[str] = field(default_factory=Counter)
     both: list[bool] = field(default_factory=list)
-    alike: list[bool] = field(default_factory=list)
+    same_live: list[bool] = field(default_factory=list)
     recovered: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
     failures: list[str] = field(default_factory=list)
 
@@ -274,8 +274,8 @@ class Counts:
         named = _named(found)
         self.matrix[harm.name][named[0] if named else 'nothing'] += 1
         live = _named(diagnose_run(as_live(harmed, subject.truth)))
-        self.alike.append(named[:1] == live[:1])
-        if not self.alike[-1]:
+        self.same_live.append(named[:1] == live[:1])
+        if not self.same_live[-1]:
             self.failures.append(f'{subject.name} {harm.name} {harm.sizes}: {named}, live {live}')
         if not named or named[0] != harm.name:
             about = found.findings.get(harm.name)
@@ -303,9 +303,9 @@ class Counts:
             ),
             (
                 'the same first cause live, from pairs alone: at least 95 %',
-                sum(self.alike),
-                len(self.alike),
-                sum(self.alike) >= 0.95 * len(self.alike),
+                sum(self.same_live),
+                len(self.same_live),
+                sum(self.same_live) >= 0.95 * len(self.same_live),
             ),
         ):
             yield Target(promise, f'{count} of {total} ({100 * count / total:.1f} %)', met)

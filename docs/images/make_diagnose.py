@@ -1,5 +1,5 @@
 """
-Draws the figures of docs/diagnose.md: each fault, put into a simulated flight, and its tell-tale.
+Draws the figures of docs/diagnose.md: each fault, put into a simulated flight, and what shows it.
 
 Prints what ``diagnose`` finds of each, and the numbers of the experiment on time offsets. Needs
 matplotlib: ``pip install '.[imu]'``, then ``python docs/images/make_diagnose.py``.
@@ -70,8 +70,8 @@ def seconds_of(poses: Trajectory) -> np.ndarray:
 def aligned(pairs: Pairs, mode: str = 'se3') -> tuple[Alignment, np.ndarray]:
     """Return an alignment, and the (N, 3) estimated positions under it."""
     alignment = solve(mode, Moments.of(pairs), pairs[:1])
-    turned = rotation.rotate(alignment.rotation, pairs.estimate.positions)
-    return alignment, alignment.scale * turned + alignment.translation
+    rotated = rotation.rotate(alignment.rotation, pairs.estimate.positions)
+    return alignment, alignment.scale * rotated + alignment.translation
 
 
 def errors_over_time(axes: Axes, run: SimulatedRun) -> None:
@@ -92,7 +92,7 @@ def errors_over_time(axes: Axes, run: SimulatedRun) -> None:
 
 
 def correlation(axes: Axes, run: SimulatedRun) -> None:
-    """Draw how alike angular speeds are at each lag."""
+    """Draw the correlation of angular speeds at each lag."""
     lags_s = np.arange(-0.4, 0.4, 0.01)
     for each, colour in ((HEALTHY, BLUE), (run, RED)):
         poses = each.estimate
@@ -126,7 +126,7 @@ def offset_along_the_run(axes: Axes, run: SimulatedRun) -> None:
 # -- frames ------------------------------------------------------------------------------------
 
 
-def turns_of_both(axes: Axes, run: SimulatedRun) -> None:
+def rotations_of_both(axes: Axes, run: SimulatedRun) -> None:
     """Draw a component of short relative rotations against the true one."""
     for each, colour in ((HEALTHY, BLUE), (run, RED)):
         pairs = pairs_of(each)
@@ -140,7 +140,7 @@ def turns_of_both(axes: Axes, run: SimulatedRun) -> None:
     axes.set(xlabel='true turn about x in 0.25 s [deg]', ylabel='estimated [deg]')
 
 
-def moved_by_turning(axes: Axes, run: SimulatedRun) -> None:
+def moved_by_rotation(axes: Axes, run: SimulatedRun) -> None:
     """Draw what displacements are off in the body's frame, against what a lever arm makes."""
     lever = np.array(diagnose(run.estimate, run.ground_truth, CONFIG).findings['lever_arm_m'])
     for each, colour in ((HEALTHY, BLUE), (run, RED)):
@@ -209,23 +209,23 @@ def scale_along_the_run(axes: Axes, run: SimulatedRun) -> None:
 # -- conventions -------------------------------------------------------------------------------
 
 
-def misfits(axes: Axes, run: SimulatedRun) -> None:
+def residuals(axes: Axes, run: SimulatedRun) -> None:
     """Draw what is left of relative rotations and of displacements, read in each way."""
     pairs = pairs_of(run)
     short, long = (horizon(pairs.estimate.stamps_ns, seconds) for seconds in (0.25, 1.0))
     truth = pairs.ground_truth
-    labels, of_turns, of_moves = [], [], []
+    labels, of_rotations, of_displacements = [], [], []
     for convention in candidates():
         poses = convention.undo(pairs.estimate)
-        turned = (relative_rotations(side.rotations, *short) for side in (poses, truth))
-        moved = (side.positions[long[1]] - side.positions[long[0]] for side in (poses, truth))
-        of_turns.append(robust_similarity(*turned, False)[2])
-        of_moves.append(robust_similarity(*moved, True)[2])
+        rotated = (relative_rotations(side.rotations, *short) for side in (poses, truth))
+        displaced = (side.positions[long[1]] - side.positions[long[0]] for side in (poses, truth))
+        of_rotations.append(robust_similarity(*rotated, scaled=False).residual)
+        of_displacements.append(robust_similarity(*displaced, scaled=True).residual)
         detail = convention.detail.split(':')[0].replace(' was read as ', ' as ')
         labels.append(detail or convention.name.partition('_')[2] or 'as it is')
     at = np.arange(len(labels))
-    axes.barh(at - 0.2, of_turns, 0.4, color=RED, label='rotations')
-    axes.barh(at + 0.2, of_moves, 0.4, color=BLUE, label='displacements')
+    axes.barh(at - 0.2, of_rotations, 0.4, color=RED, label='rotations')
+    axes.barh(at + 0.2, of_displacements, 0.4, color=BLUE, label='displacements')
     axes.set_yticks(at, labels, fontsize=7)
     axes.invert_yaxis()
     axes.set(xlabel='what is left of relative motions', xlim=(0, 1.3))
@@ -242,7 +242,7 @@ def both_over_time(axes: Axes, run: SimulatedRun) -> None:
     axes.set(xlabel='time [s]', ylabel='x [m]')
 
 
-def bends(axes: Axes, run: SimulatedRun) -> None:
+def curvature(axes: Axes, run: SimulatedRun) -> None:
     """Draw how far each true position is from the middle of its neighbours."""
     for each, colour in ((HEALTHY, BLUE), (run, RED)):
         points = each.ground_truth.positions[:61]
@@ -298,11 +298,11 @@ def offset_experiment(figure: Figure) -> None:
         velocities = (after.positions - before.positions) / 0.01
         own = rotation.multiply(alignment.rotation, pairs.estimate.rotations)
         apart = rotation.multiply(rotation.conjugate(own), pairs.ground_truth.rotations)
-        turned = rotation.to_rotation_vector(apart)
+        rotated = rotation.to_rotation_vector(apart)
         moved = pairs.ground_truth.positions - positions
         slopes = []
         for axes, error, rate in (
-            (left, np.degrees(turned), np.degrees(rates)),
+            (left, np.degrees(rotated), np.degrees(rates)),
             (right, moved, velocities),
         ):
             slopes.append(1e3 * float(np.sum(error * rate) / np.sum(rate * rate)))
@@ -323,8 +323,8 @@ SHEETS: dict[str, list[Panel]] = {
         ('clock_drift', (1500.0,), offset_along_the_run),
     ],
     'frames': [
-        ('sensor_rotation', (20.0,), turns_of_both),
-        ('lever_arm', (0.2,), moved_by_turning),
+        ('sensor_rotation', (20.0,), rotations_of_both),
+        ('lever_arm', (0.2,), moved_by_rotation),
     ],
     'world': [('gravity_tilt', (5.0,), side_view), ('yaw_drift', (20.0,), heading)],
     'scale': [('scale', (1.2,), top_view), ('scale_drift', (30.0,), scale_along_the_run)],
@@ -335,10 +335,10 @@ SHEETS: dict[str, list[Panel]] = {
         ('diverged', (0.2, 20.0), errors_over_time),
     ],
     'conventions': [
-        ('quaternion_conjugated', (), misfits),
-        ('quaternion_order', (1.0,), misfits),
-        ('pose_inverted', (), misfits),
-        ('axes_swapped', (), misfits),
+        ('quaternion_conjugated', (), residuals),
+        ('quaternion_order', (1.0,), residuals),
+        ('pose_inverted', (), residuals),
+        ('axes_swapped', (), residuals),
     ],
     'inputs': [
         ('truth_static', (), both_over_time),
@@ -350,7 +350,7 @@ SHEETS: dict[str, list[Panel]] = {
 
 def sheet(name: str, panels: list[Panel]) -> None:
     """Draw some faults side by side."""
-    more = [('interpolated truth', bends)] if name == 'inputs' else []
+    more = [('interpolated truth', curvature)] if name == 'inputs' else []
     rows = (len(panels) + len(more)) // 2
     figure = new_figure(rows)
     places = figure.subplots(rows, 2, squeeze=False).ravel()

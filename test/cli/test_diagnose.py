@@ -416,3 +416,33 @@ def test_an_imu_topic_that_is_not_there_is_told_with_what_to_write(tmp_path):
     write_recording(simulate(duration_s=5.0), tmp_path / 'without.mcap')
     said = complaint(tmp_path / 'without.mcap', '--imu', '/imu0')
     assert 'no such topic; the recording has no topic of type sensor_msgs/msg/Imu' in said
+
+
+def test_a_profile_and_a_file_of_limits_decide_what_is_healthy(flight, tmp_path):
+    larger = simulate(duration_s=40.0).estimate
+    larger = replace(larger, positions=1.045 * larger.positions)
+    (tmp_path / 'larger.txt').write_text(tum(larger))
+    files = ['--estimate', tmp_path / 'larger.txt', '--ground-truth', flight / 'gt.txt']
+    limits = tmp_path / 'limits.yaml'
+    limits.write_text('diagnose: {scale_percent: 6}\n')
+
+    def found(*flags: object) -> tuple[str, float, list[str]]:
+        document = json.loads(diagnose(*files, *flags, '--json').stdout)
+        names = [cause['name'] for cause in document['causes']]
+        return document['profile'], document['limits']['scale_percent'], names
+
+    assert found() == ('drone', 3.0, ['scale'])
+    assert found('--profile', 'indoor_robot') == ('indoor_robot', 5.0, [])
+    assert found('--limits', limits) == ('drone', 6.0, [])
+    limits.write_text('diagnose: {scale_pct: 6}\n')
+    assert "did you mean 'scale_percent'" in complaint(*files, '--limits', limits)
+    assert 'leave out --limits' in complaint('--signals', 'a', 'b', '--limits', limits)
+
+
+def test_warnings_are_in_the_document(flight, tmp_path):
+    poses = simulate(duration_s=40.0).estimate
+    blank = np.tile([0.0, 0.0, 0.0, 1.0], (len(poses), 1))
+    (tmp_path / 'est.txt').write_text(tum(replace(poses, rotations=blank)))
+    files = ['--estimate', tmp_path / 'est.txt', *pair(flight, 'est')[2:]]
+    (warning,) = json.loads(diagnose(*files, '--json').stdout)['warnings']
+    assert warning in diagnose(*files).stdout

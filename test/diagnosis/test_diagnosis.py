@@ -569,7 +569,7 @@ def test_two_faults_at_once_are_both_named():
     assert set(names(diagnosis_of(harmed))) == {'time_offset', 'scale'}
 
 
-def test_causes_are_undone_one_behind_the_other():
+def test_causes_are_undone_one_after_the_other():
     harmed = late(0.3, replace(ESTIMATE, positions=1.2 * ESTIMATE.positions))
     first, second = diagnosis_of(harmed).causes
     assert second.ate_before_m == first.ate_after_m
@@ -595,8 +595,8 @@ def test_a_handful_of_poses_is_refused():
 
 @pytest.mark.parametrize('rate_hz', [10, 20, 50, 200])
 def test_an_offset_is_as_exact_against_a_slow_truth(rate_hz):
-    thinned = TRUTH[:: 200 // rate_hz]
-    found = diagnose(late(0.0371), thinned, CONFIG)
+    every_kth = TRUTH[:: 200 // rate_hz]
+    found = diagnose(late(0.0371), every_kth, CONFIG)
     assert found.findings['time_offset']['value'] == pytest.approx(0.0371, abs=1e-3)
 
 

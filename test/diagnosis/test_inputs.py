@@ -24,7 +24,7 @@ REAL = [
 
 
 def interpolated(step: int, shift_ns: int = 0, digits: int = 17) -> Trajectory:
-    """Return straight lines between every so manieth true pose, at the rate of the truth."""
+    """Return straight lines between every k-th true pose, at the rate of the truth."""
     knots = TRUTH[::step]
     stamps_ns = TRUTH.stamps_ns + shift_ns
     stamps_ns = stamps_ns[stamps_ns < knots.stamps_ns[-1]]

@@ -1,1 +1,1 @@
-"""Why an estimate is bad: faults with their size, their evidence and their cure."""
+"""Why an estimate is bad: causes with their size, their evidence and what to do."""

@@ -1,4 +1,4 @@
-"""The lag at which two signals look most alike."""
+"""The lag at which two signals correlate best."""
 
 from __future__ import annotations
 
@@ -7,9 +7,10 @@ import math
 
 import numpy as np
 
-MIN_OVERLAP = 0.3
-# another peak rises by so much of the height of the best, out of the valley between
-RISE = 0.1
+#: of the shorter signal, the share that must overlap
+OVERLAP_SHARE = 0.3
+#: another peak rises by this share of the height of the best, out of the valley between
+RISE_SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -19,8 +20,8 @@ class Peak:
 
     :param lag_s: how much later the first signal's stamps are than the second's, in seconds.
     :param height: correlation coefficient there, -1 to 1.
-    :param rival: the highest of another peak, behind a valley, or of either end of the lags, so
-        that what never falls has a rival too; NaN where there is none.
+    :param rival: the height of the highest other peak, beyond a valley, or of either end of the
+        lags, so that a correlation that never falls has a rival too; NaN where there is none.
     """
 
     lag_s: float
@@ -32,10 +33,10 @@ def correlate(
     first: np.ndarray, second: np.ndarray, step_s: float, max_lag_s: float = math.inf
 ) -> Peak:
     """
-    Return where two signals, sampled at the same even times, agree best.
+    Return where two evenly sampled signals correlate best.
 
-    For every lag the coefficient is that of the samples that both have, so that neither the ends
-    nor gaps count as zeros; at least 30 % of the shorter signal must overlap.
+    For every lag the coefficient is that of the samples that both have, so that neither ends nor
+    gaps count as zeros; at least 30 % of the shorter signal must overlap.
 
     :param first: (N,) samples, NaN where unknown.
     :param second: (M,) samples that begin at the same time.
@@ -45,7 +46,7 @@ def correlate(
     known = [np.isfinite(signal) for signal in (first, second)]
     if not all(part.any() for part in known):
         return Peak(0.0, math.nan, math.nan)
-    # a constant taken out beforehand keeps the digits of the sums
+    # removing the means beforehand keeps the digits of the sums
     a, b = (
         np.where(part, signal - signal[part].mean(), 0.0)
         for part, signal in zip(known, (first, second), strict=True)
@@ -63,19 +64,21 @@ def correlate(
         return np.fft.irfft(spectra[left] * np.conj(spectra[right]), size)
 
     count = np.round(sums('1', '2'))
-    usable = count >= max(3, MIN_OVERLAP * min(part.sum() for part in known))
+    usable = count >= max(3, OVERLAP_SHARE * min(part.sum() for part in known))
     lags = np.arange(size)
     lags[size - len(second) + 1 :] -= size
     usable &= (np.abs(lags) * step_s <= max_lag_s) & (lags < len(first))
     count = count.clip(min=1)
     mean_a, mean_b = sums('a', '2') / count, sums('1', 'b') / count
     spread = (sums('aa', '2') / count - mean_a**2) * (sums('1', 'bb') / count - mean_b**2)
-    alike = sums('a', 'b') / count - mean_a * mean_b
+    covariance = sums('a', 'b') / count - mean_a * mean_b
     floor = 1e-12 * float(np.max(spread, initial=0.0))
     height = np.where(
-        usable & (spread > floor), alike / np.sqrt(spread.clip(min=max(floor, 1e-300))), -np.inf
+        usable & (spread > floor),
+        covariance / np.sqrt(spread.clip(min=max(floor, 1e-300))),
+        -np.inf,
     )
-    # by increasing lag, and below both ends nothing
+    # by increasing lag, with minus infinity beyond both ends
     height = np.pad(np.roll(height, len(second) - 1), 1, constant_values=-np.inf)
     best = int(np.argmax(height))
     if not math.isfinite(height[best]):
@@ -89,13 +92,15 @@ def correlate(
 
 
 def _rival(height: np.ndarray) -> float:
-    """Return the highest of another peak, or of the end, of the heights from the peak outwards."""
-    risen = height - np.minimum.accumulate(height) > RISE * abs(height[0])
-    risen[-1] = len(height) > 1
-    return float(height[risen].max(initial=-np.inf))
+    """Return the highest other peak, or the end, given the heights from the peak outwards."""
+    rising = height - np.minimum.accumulate(height) > RISE_SHARE * abs(height[0])
+    rising[-1] = len(height) > 1
+    return float(height[rising].max(initial=-np.inf))
 
 
 def _vertex(before: float, at: float, after: float) -> float:
     """Return where the parabola through three samples one apart has its peak, from the middle."""
-    bend = before - 2 * at + after
-    return 0.5 * (before - after) / bend if math.isfinite(bend) and bend < 0 else 0.0
+    curvature = before - 2 * at + after
+    if not (math.isfinite(curvature) and curvature < 0):
+        return 0.0
+    return 0.5 * (before - after) / curvature

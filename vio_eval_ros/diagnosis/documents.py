@@ -21,7 +21,7 @@ RELIABLE_CORRELATION = 0.6
 
 def diagnosis_text(diagnosis: Diagnosis, errors: bool = False) -> list[str]:
     """
-    Return the lines of a diagnosis: causes, what cannot be told, warnings, the gyroscope.
+    Return the lines of a diagnosis: causes, what is not observable, warnings, the gyroscope.
 
     :param errors: whether to list the errors before and after all causes are undone.
     """

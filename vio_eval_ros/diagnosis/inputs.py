@@ -105,8 +105,8 @@ def likely_swapped(run: DiagnosedRun) -> float:
     if begins and intervals[1] > RATE_RATIO * intervals[0]:
         return CONFIDENCE_BY_RATES
     headed = _heads_along_x(run.truth) and not _heads_along_x(run.estimate)
-    alike = intervals[0] < RATE_RATIO * intervals[1]
-    return CONFIDENCE_BY_HEADINGS if begins and headed and alike else 0.0
+    similar_rates = intervals[0] < RATE_RATIO * intervals[1]
+    return CONFIDENCE_BY_HEADINGS if begins and headed and similar_rates else 0.0
 
 
 def _heads_along_x(poses: Trajectory) -> bool:

@@ -41,9 +41,9 @@ def named_causes(run: DiagnosedRun, measured: Measured, limits: DiagnosisLimits)
     """
     Return the measurements that are causes.
 
-    From all suspects the one is removed first without which the errors stay as they are, then the
-    next: two that look alike, such as a lever arm and an offset on a straight path, do not clear
-    each other.
+    Of all suspects the one is dropped first whose undoing matters least to the errors, then the
+    next: two with similar effects, such as a lever arm and an offset on a straight path, are not
+    both dropped.
     """
     unusual = [one for one in measured.measurements if one.unusual]
     irreversible = [one for one in unusual if CAUSES[one.name].undo is None]

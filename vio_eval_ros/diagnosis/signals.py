@@ -123,7 +123,7 @@ class _SignalPair:
         """
         Return the lag, and half the width of its 95 % interval.
 
-        Both signals are smoothed alike, as widely as makes the lag most precise.
+        Both signals are smoothed by the same filter, as widely as makes the lag most precise.
         """
         width = self._best_width(start_s)
         if not width:
