@@ -21,7 +21,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vio_eval_ros.rendering.text import tum
+from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.scoring.comparison import compare, Rule
 from vio_eval_ros.simulation import Drift, simulate
 

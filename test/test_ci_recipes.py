@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 import pytest
 import yaml
 
-from vio_eval_ros.rendering.text import tum
+from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.scoring.baseline import Baseline
 from vio_eval_ros.simulation import Drift, simulate
 from vio_eval_ros.version import __version__

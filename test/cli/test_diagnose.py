@@ -14,7 +14,7 @@ from vio_eval_ros.cli import replay
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.imu.simulated_noise import EUROC
-from vio_eval_ros.rendering.text import tum
+from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.simulation import simulate, write_recording
 from vio_eval_ros.simulation.faults import inject
 

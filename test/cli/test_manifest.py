@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from verbs import call, complaint, start
-from vio_eval_ros.rendering.text import tum
+from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.simulation import simulate, write_recording
 
 PAIR = ('--estimate', 'runs/a.tum', '--ground-truth', 'gt.tum')

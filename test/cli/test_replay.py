@@ -11,7 +11,7 @@ import pytest
 import verbs
 from verbs import shell, start, transcript
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.rendering.text import tum
+from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.simulation import simulate, write_recording
 
 ROOT = Path(__file__).resolve().parents[2]

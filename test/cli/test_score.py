@@ -15,7 +15,7 @@ import pytest
 
 import verbs
 from verbs import COMMAND, start, transcript
-from vio_eval_ros.rendering.text import tum
+from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.scoring.documents import SUITE_REPORTS
 from vio_eval_ros.simulation import Drift, simulate, write_recording
 

@@ -7,7 +7,7 @@ import pytest
 
 from verbs import call, complaint, document, start, transcript
 from vio_eval_ros.imu.simulated_noise import EUROC
-from vio_eval_ros.rendering.text import tum
+from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.simulation import FAULTS, simulate
 from vio_eval_ros.simulation.formats import FORMATS
 

@@ -25,7 +25,7 @@ from vio_eval_ros.evaluation.result import Input, Result
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.rendering.figures import boxes
 from vio_eval_ros.rendering.page import html, tag
-from vio_eval_ros.rendering.text import tum
+from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.html import html_report
 from vio_eval_ros.reports.plots import (

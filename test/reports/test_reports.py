@@ -21,7 +21,7 @@ from vio_eval_ros.errors import ConfigError, WriteError
 from vio_eval_ros.evaluation.result import Input, Result
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.rendering.files import write
-from vio_eval_ros.rendering.text import tum
+from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.text import text_report
 from vio_eval_ros.simulation import simulate

@@ -8,7 +8,7 @@ import pytest
 
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
-from vio_eval_ros.rendering.text import tum
+from vio_eval_ros.rendering.tum import tum
 
 S = 1_000_000_000
 

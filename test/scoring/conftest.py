@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from vio_eval_ros.core.trajectory import Trajectory
-from vio_eval_ros.rendering.text import tum
+from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.scoring import scoring
 from vio_eval_ros.scoring.loading import load_suite
 from vio_eval_ros.scoring.results import SuiteResult

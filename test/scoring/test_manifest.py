@@ -17,7 +17,7 @@ from vio_eval_ros.core.gates import Gate
 from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
 from vio_eval_ros.evaluation.recorded import score_run
 from vio_eval_ros.recordings.sources import read_sources
-from vio_eval_ros.rendering.text import tum
+from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.scoring import manifest as manifests
 from vio_eval_ros.scoring import recorded_manifest
 from vio_eval_ros.scoring import stack as stacks

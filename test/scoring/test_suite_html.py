@@ -10,7 +10,7 @@ import plotly.graph_objects as go
 import pytest
 
 from vio_eval_ros.core.trajectory import Trajectory
-from vio_eval_ros.rendering.text import tum
+from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.scoring.baseline import Baseline, BaselineSequence, definition_sha256
 from vio_eval_ros.scoring.html import suite_html
 from vio_eval_ros.scoring.loading import load_suite

@@ -17,6 +17,7 @@ from vio_eval_ros.cli.command import called_as
 from vio_eval_ros.cli.completion import complete, words
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.errors import ConfigError, UNABLE, VioEvalError
+from vio_eval_ros.rendering.text import printable
 from vio_eval_ros.settings import options_of
 
 BAR_AFTER_S = 0.5
@@ -79,7 +80,7 @@ def run(verb: str, main: Callable[[], int]) -> int:
     except VioEvalError as error:
         problem = str(error)
     except BrokenPipeError:
-        # whoever read our output has gone; let nothing try to write the rest at exit
+        # the reader of our output is gone; nothing may try to write the rest at exit
         sys.stdout = None  # type: ignore[assignment]
         return UNABLE
     except OSError as error:
@@ -101,10 +102,6 @@ def run(verb: str, main: Callable[[], int]) -> int:
 
 def complain(verb: str, problem: str) -> None:
     """Print one line on stderr, if anybody listens."""
-    from vio_eval_ros.rendering.text import (
-        printable,  # which knows of figures, and so takes a while
-    )
-
     try:
         if sys.stderr is not None:
             print(f'{verb}: {printable(" ".join(problem.split()))}', file=sys.stderr, flush=True)

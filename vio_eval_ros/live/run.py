@@ -31,7 +31,7 @@ from vio_eval_ros.live.monitor import DiagnosisMonitor
 from vio_eval_ros.recordings.messages import PathRevisions
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.rendering.files import write_all
-from vio_eval_ros.rendering.text import tum
+from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.tables import series_csv
 

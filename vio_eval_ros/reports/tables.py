@@ -13,7 +13,8 @@ from vio_eval_ros.core.statistics import STATISTICS
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.evaluation.result import Result
-from vio_eval_ros.rendering.text import formatted, number, tum
+from vio_eval_ros.rendering.text import number
+from vio_eval_ros.rendering.tum import formatted, tum
 from vio_eval_ros.reports.text import rows
 
 

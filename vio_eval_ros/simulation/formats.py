@@ -19,7 +19,7 @@ import numpy as np
 
 from vio_eval_ros.core.trajectory import blocks, Trajectory
 from vio_eval_ros.errors import ConfigError, WriteError
-from vio_eval_ros.rendering.text import formatted, tum
+from vio_eval_ros.rendering.tum import formatted, tum
 from vio_eval_ros.simulation.simulated_run import Imu, IMU_RATE_HZ, SimulatedRun
 
 VIO_LATENCY_NS = 38_000_000  # between an image and the publication of its pose
