@@ -1,8 +1,8 @@
 """
 Plays a EuRoC sequence, evaluates an estimate of it, and ends with the verdict.
 
-The recording is a ROS 1 bag or an ASL folder of EuRoC, or any other that has one of the topics in
-``TRUTHS``. The estimator under test runs elsewhere, or its output is in the recording as well.
+The recording is a ROS 1 bag or an ASL folder of EuRoC, or any other with one of the topics in
+``TRUTHS``. The estimator under test runs elsewhere, or its output is in the recording.
 """
 
 from pathlib import Path
@@ -29,7 +29,7 @@ from vio_eval_ros.recordings.storage import OfferedQos
 
 SHARE = Path(__file__).resolve().parents[1]
 SENSORS = ('/imu0', '/cam0/image_raw', '/cam1/image_raw')
-# the ground truths that a recording may have, the best one first, and their parameters
+# the ground truths that a recording may have, best first, and their parameters
 TRUTHS = {
     '/ground_truth/pose': 'euroc.yaml',
     '/vicon/firefly_sbx/firefly_sbx': 'euroc_vicon.yaml',
@@ -56,7 +56,7 @@ ARGUMENTS = {
         f'(default: {" ".join(SENSORS)}, unless the estimate is in the recording)',
     ),
     'play_options': ('', "further options of play, such as '--rate 2 --start 40'"),
-    'settle_s': ('2', 'seconds that the estimator has to finish, behind the last message'),
+    'settle_s': ('2', 'seconds that the estimator has to finish after the last message'),
 }
 
 

@@ -1,8 +1,8 @@
 """
 Starts the evaluator beside a running estimator, and ends with its verdict.
 
-``ros2 launch`` returns 0 whatever the status of a process was, unless an event handler raises:
-then it ends all processes and returns 1. So :func:`ended` raises where the run has not passed.
+``ros2 launch`` returns 0 whatever the status of its processes, unless an event handler raises:
+then it ends all processes and returns 1. So :func:`ended` raises if the run has not passed.
 """
 
 from launch.actions import DeclareLaunchArgument, LogInfo, OpaqueFunction, Shutdown
@@ -21,12 +21,12 @@ ARGUMENTS = {
     'gates_file': ('', 'YAML file of gates: {metric: {max: number, min: number}}'),
     'report_dir': ('', 'folder for the report of each run'),
     'use_sim_time': ('', 'take the time from /clock: true or false'),
-    'reliable': ('', 'topics of which no message may be lost, apart by spaces'),
+    'reliable': ('', 'topics of which no message may be lost, separated by spaces'),
 }
 TOPICS = ('estimate', 'ground_truth')
-# where such an argument is not given, the value in params_file counts
+# without such an argument, the value in params_file counts
 PARAMETERS = ('ground_truth_file', 'gates_file', 'report_dir', 'use_sim_time')
-PROBLEMS = {1: 'a gate failed', 2: 'it could not run, or not write its report'}
+PROBLEMS = {1: 'a gate failed', 2: 'it could not run or could not write its report'}
 REPORT_S = '60'  # to write the report of a long run
 
 

@@ -10,6 +10,7 @@ import pytest
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.trajectory import Pairs, Trajectory
+from vio_eval_ros.diagnosis.limits import DiagnosisLimits
 from vio_eval_ros.live import monitor as monitor_module
 from vio_eval_ros.live.monitor import DiagnosisMonitor, sample
 from vio_eval_ros.simulation import simulate
@@ -54,12 +55,20 @@ def test_a_healthy_run_has_nothing_wrong():
     assert DiagnosisMonitor(CONFIG).conclude(pairs_of(RUN.estimate)).causes == ()
 
 
+def test_what_is_healthy_depends_on_the_limits():
+    harmed = pairs_of(late(RUN.estimate))
+    assert DiagnosisMonitor(CONFIG).conclude(harmed).causes[0].name == 'time_offset'
+    limits = DiagnosisLimits.of('drone', {'time_offset_s': 0.2})
+    causes = DiagnosisMonitor(CONFIG, limits).conclude(harmed).causes
+    assert 'time_offset' not in [cause.name for cause in causes]
+
+
 def test_too_short_a_run_has_no_diagnosis():
     assert DiagnosisMonitor(CONFIG).conclude(pairs_of(late(RUN.estimate))[:300]) is None
 
 
 def test_a_diagnosis_that_fails_is_told_and_nothing_stops(monkeypatch):
-    def fail(run: object) -> None:
+    def fail(*given: object) -> None:
         raise ZeroDivisionError('oh')
 
     monkeypatch.setattr(monitor_module, 'diagnose_run', fail)

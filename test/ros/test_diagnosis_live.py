@@ -55,6 +55,19 @@ def test_live_and_offline_name_the_same_first_cause(
     assert f'{name}: ' in node.stop()
 
 
+def test_limits_of_a_file_count_live(graph, ros, evaluator, tmp_path):
+    limits = tmp_path / 'limits.yaml'
+    limits.write_text('diagnose: {time_offset_s: 0.2}')
+    evaluator(f'limits_file:={limits}', 'profile:=handheld')
+    estimate, truth = graph.both()
+    ros.send(truth, TRUTH)
+    ros.send(estimate, late(RUN.estimate))
+    graph.wait_until(
+        lambda: 'diagnosis' in graph.statuses and graph.statuses['diagnosis'].values, 'a diagnosis'
+    )
+    assert 'time_offset' not in str(graph.statuses['diagnosis'])
+
+
 def test_of_a_short_run_nothing_can_be_told_yet(graph, ros, evaluator, flight):
     evaluator()
     estimate, truth = graph.both()

@@ -21,10 +21,10 @@ topics out:  /diagnostics, ~/metrics/NAME, ~/window/NAME, ~/result, ~/estimate_a
              ~/ground_truth_path, ~/error_markers
 services:    ~/write_report, ~/reset (std_srvs/Trigger)
 
-parameters (config/evaluator.yaml has those of the evaluation):
+parameters (those of the evaluation are also in config/evaluator.yaml):
 {parameters}
 
-exit status: 0 ended by SIGINT, SIGTERM or SIGHUP, 1 a gate of some run failed and
+exit status: 0 ended by SIGINT, SIGTERM or SIGHUP, 1 a gate of any run failed and
 exit_code_from_gates is true, 2 a parameter was wrong or a report could not be written
 """
 TO_STOP = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
@@ -32,21 +32,21 @@ TO_STOP = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
 
 def main(argv: list[str] | None = None) -> int:
     """Run the node until it is told to stop; return its exit status."""
-    told: list[int] = []
-    # Only noted: an exception could break an import, the start or a report.
+    signals: list[int] = []
+    # only noted: an exception could break an import, the start or a report
     for number in TO_STOP:
-        signal.signal(number, lambda number, _: told.append(number))
+        signal.signal(number, lambda number, _: signals.append(number))
     arguments = sys.argv[1:] if argv is None else argv
     ours = arguments[: arguments.index('--ros-args')] if '--ros-args' in arguments else arguments
     Parser(prog='evaluator', description=__doc__, epilog=_help()).parse_args(ours)
-    status = run('evaluator', lambda: _evaluate(['evaluator', *arguments], told))
-    for number in TO_STOP:  # the interpreter, as it ends, would take its own handlers back
+    status = run('evaluator', lambda: _evaluate(['evaluator', *arguments], signals))
+    for number in TO_STOP:  # at its end the interpreter would restore its own handlers
         signal.signal(number, signal.SIG_IGN)
     return status
 
 
 def _help() -> str:
-    """Return the help behind the usage, with every parameter and its default."""
+    """Return the help after the usage, with every parameter and its default."""
     lines = []
     for options in (NodeConfig(), EvaluationConfig()):
         for item in fields(options):
@@ -57,9 +57,9 @@ def _help() -> str:
     return HELP.format(parameters='\n'.join(lines))
 
 
-def _evaluate(argv: list[str], told: list[int]) -> int:
+def _evaluate(argv: list[str], signals: list[int]) -> int:
     try:
         from vio_eval_ros.ros.evaluator_node import spin
     except ImportError as error:
         raise without_ros(error) from None
-    return spin(argv, told)
+    return spin(argv, signals)

@@ -1,1 +1,1 @@
-"""A run that goes on, without ROS: which run a pose belongs to, and what is reported of it."""
+"""A live evaluation without ROS: its runs, their health, diagnosis and reports."""

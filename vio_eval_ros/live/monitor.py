@@ -16,6 +16,7 @@ from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.trajectory import Pairs
 from vio_eval_ros.diagnosis.diagnosed_run import DiagnosedRun
 from vio_eval_ros.diagnosis.diagnosis import diagnose_run
+from vio_eval_ros.diagnosis.limits import DEFAULT, DiagnosisLimits
 from vio_eval_ros.diagnosis.report import Diagnosis
 from vio_eval_ros.errors import NoPairs
 
@@ -34,9 +35,10 @@ class DiagnosisMonitor:
     The diagnosis of one run, updated now and then.
 
     :param config: the options of the evaluation that the pairs come from.
+    :param limits: what healthy runs show.
     """
 
-    def __init__(self, config: EvaluationConfig) -> None:
+    def __init__(self, config: EvaluationConfig, limits: DiagnosisLimits = DEFAULT) -> None:
         #: None until there is enough to diagnose
         self.latest: Diagnosis | None = None
         #: how many pairs it is of
@@ -44,6 +46,7 @@ class DiagnosisMonitor:
         #: the error that ended the last one, a bug to report
         self.problem = ''
         self._config = config
+        self._limits = limits
         self._thread: Thread | None = None
         self._due_s = 0.0
 
@@ -67,7 +70,7 @@ class DiagnosisMonitor:
         began_s, busy_s = time.monotonic(), time.thread_time()
         try:
             run = DiagnosedRun(pairs.estimate, pairs.ground_truth, self._config)
-            self.latest, self.pairs, self.problem = diagnose_run(run), len(pairs), ''
+            self.latest, self.pairs, self.problem = diagnose_run(run, self._limits), len(pairs), ''
         except NoPairs:
             self.latest, self.pairs, self.problem = None, 0, ''
         except Exception as error:  # the evaluation must go on

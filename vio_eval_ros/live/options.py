@@ -1,17 +1,19 @@
-"""What the evaluator does beside evaluating: its own options, without ROS."""
+"""The options of the evaluator beside those of the evaluation."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from vio_eval_ros.core.config import option, Options
+from vio_eval_ros.core.limits import PROFILES
 
+#: may be set while the node runs: they do not change what a score means
 SETTABLE = ('report_dir', 'window_s', 'stale_after_s', 'exit_code_from_gates')
 
 
 @dataclass(frozen=True)
 class NodeConfig(Options):
-    """What the node does beside evaluating."""
+    """The options of the evaluator beside those of the evaluation."""
 
     estimate_type: str = option('', 'message type of the estimate; empty: found out')
     ground_truth_type: str = option('', 'message type of the ground truth; empty: found out')
@@ -19,20 +21,20 @@ class NodeConfig(Options):
         '', 'ground truth instead of the topic: TUM or EuRoC file or folder, or RECORDING:/topic'
     )
     gates_file: str = option('', 'YAML file of gates: {metric: {max: number, min: number}}')
+    profile: str = option(
+        PROFILES[0], 'platform, where what the diagnosis calls healthy depends on it', PROFILES
+    )
+    limits_file: str = option('', 'YAML file of limits: {diagnose: {name: number}}')
     report_dir: str = option('', 'folder for the report of each run; empty: none is written')
     publish_metrics: tuple[str, ...] = option(
         ('ate_trans_rmse_m', 'ate_rot_rmse_deg', 'rpe_1s_trans_rmse_m', 'rpe_1s_rot_rmse_deg'),
         'metrics with topics of their own, ~/metrics/NAME and ~/window/NAME',
     )
     window_s: float = option(10.0, 'length of the window of ~/window/NAME', minimum=0.1)
-    stale_after_s: float = option(
-        2.0, 'a stream that says nothing for longer is stale', minimum=0.0
-    )
+    stale_after_s: float = option(2.0, 'a stream silent for longer is stale', minimum=0.0)
     max_pairs: int = option(
         1_000_000,
-        'how many pairs are kept; of more, rmse stay exact and the rest is of a part',
+        'how many pairs are kept; with more, rmse stay exact, other metrics are of a part',
         minimum=1000,
     )
-    exit_code_from_gates: bool = option(
-        False, 'exit with status 1 where a gate of some run failed'
-    )
+    exit_code_from_gates: bool = option(False, 'exit with status 1 where a gate of any run failed')

@@ -1,4 +1,4 @@
-"""The folder of reports: what goes there, and what is to be said where that fails."""
+"""The folder of reports: what goes there, and what to say where that fails."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from vio_eval_ros.live.run import LiveRun, make_writable, remove_report
 
 class ReportFolder:
     """
-    Writes the reports of runs; a folder that cannot be written is told, and no reason to stop.
+    Writes the reports of runs; a folder that cannot be written is reported, but stops nothing.
 
     :param folder: for all reports; empty for none.
-    :param complain: takes what the user should know.
+    :param complain: logs what the user should know.
     """
 
     def __init__(self, folder: str, complain: Callable[[str], object]) -> None:
@@ -23,8 +23,8 @@ class ReportFolder:
         self.unwritten: dict[Path, str] = {}
         self._folder = folder
         self._complain = complain
-        self._interim: Path | None = None  # of the run that goes on, asked for before its end
-        try:  # now there is time to make room
+        self._interim: Path | None = None  # the report that was asked for before the run's end
+        try:  # now there is still time to make room
             if folder:
                 make_writable(Path(folder))
         except WriteError as error:
@@ -34,7 +34,7 @@ class ReportFolder:
         """
         Write to another folder from now on.
 
-        :param name: that of the report of the run that goes on.
+        :param name: of the report of the current run.
         :raises WriteError: where the new folder cannot be written.
         """
         if folder == self._folder:
@@ -48,7 +48,7 @@ class ReportFolder:
         """
         Return the result that was written, and where; None where none was.
 
-        :param name: of the folder in the folder; an empty one while there is one run.
+        :param name: of the folder below it; empty while there is one run.
         """
         if not self._folder:
             return None
@@ -60,7 +60,7 @@ class ReportFolder:
             return None
         self._forget(name)
         if name.name and self._interim == Path(self._folder):
-            remove_report(self._interim)  # else it would look like that of the last run
+            remove_report(self._interim)  # else it would pass for that of the last run
         self._interim = folder
         return result, folder
 
@@ -69,7 +69,7 @@ class ReportFolder:
         self._interim = None
 
     def _forget(self, name: Path) -> None:
-        """Complain no more of what could not be written."""
+        """Forget what could not be written."""
         for path in (Path(self._folder), Path(self._folder) / name):
             self.unwritten.pop(path, None)
 

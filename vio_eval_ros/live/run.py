@@ -24,6 +24,7 @@ from vio_eval_ros.core.gates import Gate, judge
 from vio_eval_ros.core.series import MAX_WAITING_PER_PAIR, RunningSeries
 from vio_eval_ros.core.steps import step_lengths
 from vio_eval_ros.core.trajectory import Poses
+from vio_eval_ros.diagnosis.limits import DEFAULT, DiagnosisLimits
 from vio_eval_ros.errors import ReadError, WriteError
 from vio_eval_ros.evaluation.result import Input, Result
 from vio_eval_ros.live.health import RunState, SideState
@@ -49,6 +50,7 @@ class RunSetup:
     :param names: what the estimate and the ground truth are called in the result.
     :param truth: the ground truth, where it comes from a file.
     :param max_pairs: how many pairs are kept, see :class:`Evaluation`.
+    :param limits: what the diagnosis calls healthy.
     """
 
     config: EvaluationConfig
@@ -56,6 +58,7 @@ class RunSetup:
     gates: Sequence[Gate] = ()
     truth: Source | None = None
     max_pairs: int | None = None
+    limits: DiagnosisLimits = DEFAULT
 
 
 class LiveRun:
@@ -78,7 +81,7 @@ class LiveRun:
         #: what the user should know of how the poses came here, for the warnings of the result
         self.notes: list[str] = []
         #: why it is as bad as it is
-        self.monitor = DiagnosisMonitor(setup.config)
+        self.monitor = DiagnosisMonitor(setup.config, setup.limits)
         self._setup = setup
         self._series = RunningSeries(setup.config, setup.max_pairs)
         self._rows = SeriesRows()

@@ -11,7 +11,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from vio_eval_ros.errors import ConfigError
 
-LAST_DOMAIN = 232  # that has ports of its own
+LAST_DOMAIN = 232  # with ports of its own
 
 
 def join(arguments: Sequence[str]) -> None:
@@ -19,12 +19,12 @@ def join(arguments: Sequence[str]) -> None:
     Join the graph; what SIGINT and SIGTERM do is left to the caller.
 
     :param arguments: of the process, those of ROS among them.
-    :raises ConfigError: an argument that ROS does not understand, or no domain.
+    :raises ConfigError: an argument that ROS does not understand, or an invalid domain.
     """
     domain = os.environ.get('ROS_DOMAIN_ID') or '0'
     if not (domain.isascii() and domain.isdigit() and int(domain) <= LAST_DOMAIN):
         raise ConfigError(f"ROS_DOMAIN_ID: '{domain}' is not a number from 0 to {LAST_DOMAIN}")
-    set_logger_level('rcl', LoggingSeverity.FATAL)  # it is said once, and below
+    set_logger_level('rcl', LoggingSeverity.FATAL)  # the error below says it once
     try:
         rclpy.init(args=[*arguments], signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:

@@ -34,6 +34,7 @@ from std_srvs.srv import Trigger
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.evaluation import Evaluation, metric_names
 from vio_eval_ros.core.gates import check_names
+from vio_eval_ros.diagnosis.limits import DiagnosisLimits
 from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE, VioEvalError, WriteError
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.live.health import conclusions, Snapshot, statuses, why_no_pairs
@@ -50,7 +51,7 @@ from vio_eval_ros.ros.markers import Display
 from vio_eval_ros.ros.parameters import changed, declare, refuse_unknown
 from vio_eval_ros.ros.pose_topic import PoseTopic
 from vio_eval_ros.ros.status import status_message
-from vio_eval_ros.settings import gates_of
+from vio_eval_ros.settings import gates_of, limits_of
 
 NAME = 'vio_evaluator'
 DRAIN_S = 0.05
@@ -74,6 +75,9 @@ class Evaluator(Node):
             self._gates = gates_of(Path(gates)) if gates else []
         with _naming('ground_truth_file'):
             truth = read_sources([file])[0] if file else None
+        with _naming('limits_file'):
+            limits_file = Path(self._settings.limits_file) if self._settings.limits_file else None
+            limits = limits_of(DiagnosisLimits, 'diagnose', self._settings.profile, limits_file)
         self._estimate = PoseTopic(self, 'estimate', self._settings.estimate_type)
         # made for its parameters also where a file takes its place
         truth_topic = PoseTopic(
@@ -84,7 +88,14 @@ class Evaluator(Node):
         if len({topic.topic for topic in self._topics}) < len(self._topics):
             raise ConfigError(f'estimate and ground_truth are both {self._estimate.topic}')
         names = (self.resolve_topic_name('estimate'), self.resolve_topic_name('ground_truth'))
-        self._setup = RunSetup(config, names, self._gates, truth, self._settings.max_pairs)
+        self._setup = RunSetup(
+            config=config,
+            names=names,
+            gates=self._gates,
+            truth=truth,
+            max_pairs=self._settings.max_pairs,
+            limits=limits,
+        )
         self._run = LiveRun(self._setup)
         self._reports = ReportFolder(self._settings.report_dir, self.get_logger().error)
         self._failed_gates = False

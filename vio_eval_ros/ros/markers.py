@@ -20,7 +20,7 @@ WIDTH_M = 0.03
 
 
 class Display:
-    """Publishes paths and errors, and keeps the last ones for those who come late."""
+    """Publishes paths and errors; the last ones are latched."""
 
     def __init__(self, node: Node) -> None:
         latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -34,8 +34,8 @@ class Display:
         return any(publisher.get_subscription_count() for publisher in publishers)
 
     def show(self, pairs: Pairs, alignment: Alignment, frame: str) -> None:
-        """Publish the pairs, thinned out to at most 2000."""
-        pairs = pairs[thinned(len(pairs))]
+        """Publish at most 2000 of the pairs."""
+        pairs = pairs[every_kth(len(pairs))]
         self._aligned.publish(path_message(alignment.apply(pairs.estimate), frame))
         self._truth.publish(path_message(pairs.ground_truth, frame))
         self._markers.publish(error_markers(pairs, alignment, frame))
@@ -80,7 +80,7 @@ def error_markers(pairs: Pairs, alignment: Alignment, frame: str) -> MarkerArray
     return MarkerArray(markers=[marker])
 
 
-def thinned(count: int) -> slice:
-    """Return every so manieth row, at most 2000 of them, the last included."""
+def every_kth(count: int) -> slice:
+    """Return every k-th row, at most 2000 of them, the last included."""
     step = -(-count // MOST_POSES) or 1
     return slice((count - 1) % step if count else 0, None, step)
