@@ -170,6 +170,13 @@ def test_help_lists_every_verb_with_its_purpose(capsys, arguments):
         assert re.search(rf'{verb} +{purpose}', printed)
 
 
+def test_help_names_the_command_as_it_was_called():
+    printed = run(sys.executable, '-m', 'vio_eval_ros', '--help', cwd=ROOT)
+    assert printed.startswith('usage: python -m vio_eval_ros VERB ...')
+    printed = run(sys.executable, '-m', 'vio_eval_ros', 'play', '--help', cwd=ROOT)
+    assert printed.startswith('usage: python -m vio_eval_ros play ')
+
+
 def test_help_whose_reader_stops_early_is_not_an_error():
     script = f'set -o pipefail; {sys.executable} -m vio_eval_ros --help | head -n 0'
     done = subprocess.run(

@@ -164,14 +164,26 @@ def gates_file() -> Schema:
     }
 
 
-def suite_file() -> Schema:
-    rule = {
+def rules() -> Schema:
+    """Return the schema of when a metric is worse than the baseline's."""
+    meanings = {
         'relative': 'of the median of the baseline',
         'absolute': 'in the unit of the metric',
         'mad': 'times the median absolute deviation of the baseline',
         'p': 'largest probability that it is so by chance',
     }
-    shared = {
+    assert tuple(meanings) == Rule._fields[1:]
+    limits = {
+        name: {**NOT_NEGATIVE, 'description': meaning, 'default': Rule._field_defaults[name]}
+        for name, meaning in meanings.items()
+    }
+    limits['p']['maximum'] = 1
+    return table(limits)
+
+
+def keys_of_suite_or_sequence() -> Schema:
+    """Return the properties that both a suite and its sequences may state."""
+    return {
         'options': table(options(EvaluationConfig), 'options of the evaluation'),
         'gates': of_metrics(
             {'$ref': '#/$defs/gates_of_metric'},
@@ -196,22 +208,28 @@ def suite_file() -> Schema:
         ),
         'calibration': described(TEXTS, 'files of the calibration, for the manifest'),
     }
-    own = {
-        'name': described({'type': 'string', 'minLength': 1}, 'name of the sequence'),
+
+
+def keys_of_sequence() -> Schema:
+    """Return the properties that a sequence alone may state."""
+    name = {'type': 'string', 'minLength': 1}
+    return {
+        'name': described(name, 'name of the sequence'),
         'estimate': described(
-            {'type': 'string', 'minLength': 1},
+            name,
             'file, or topic of the recording; a glob is one run for each match',
         ),
         'causal': described(TEXT, 'the same runs as first published'),
-        'ground_truth': described(
-            {'type': 'string', 'minLength': 1}, 'file or folder, or topic of the recording'
-        ),
+        'ground_truth': described(name, 'file or folder, or topic of the recording'),
         'recording': described(TEXT, 'bag in which topics are; a glob is one run for each match'),
         'times': described(TEXT, 'stamps of KITTI poses'),
     }
+
+
+def suite_file() -> Schema:
+    own, shared = keys_of_sequence(), keys_of_suite_or_sequence()
     assert tuple(shared) == loading.SHARED_KEYS
     assert {*own, *shared} == set(loading.SEQUENCE_KEYS)
-    assert tuple(rule) == Rule._fields[1:]
     of_shared = {key: {'$ref': f'#/$defs/{key}'} for key in shared}
     sequence = table({**own, **of_shared}, required=['name', 'estimate', 'ground_truth'])
     top = table(
@@ -224,17 +242,12 @@ def suite_file() -> Schema:
         'suite states, name by name.',
         required=['sequences'],
     )
-    rules = {
-        name: {**NOT_NEGATIVE, 'description': meaning, 'default': Rule._field_defaults[name]}
-        for name, meaning in rule.items()
-    }
-    rules['p']['maximum'] = 1
     one = {'$ref': '#/$defs/gate'}
     definitions = {
         'sequence': sequence,
         'gates_of_metric': {'anyOf': [one, {'type': 'array', 'items': one, 'minItems': 1}]},
         'gate': gate(criteria.GATE_KEYS),
-        'rule': table(rules),
+        'rule': rules(),
     }
     return {**top, '$defs': {**definitions, **shared}}
 
@@ -256,10 +269,10 @@ def bands_file() -> Schema:
     }
 
 
-def expectations_file() -> Schema:
-    level = {'enum': ['fail', 'warn'], 'default': 'fail', 'description': 'if it is not met'}
+def expected_numbers() -> dict[str, Schema]:
+    """Return the schema of each figure that can be expected of a stream or a pair."""
     meanings = {
-        'rate_hz': 'messages a second',
+        'rate_hz': 'messages per second',
         'rate_tolerance': 'relative deviation of the rate',
         'max_jitter_s': 'deviation of the stamps from an even rate, 99th percentile',
         'max_gap_s': 'longest interval between two messages',
@@ -277,6 +290,12 @@ def expectations_file() -> Schema:
     assert set(meanings) == set(numbers)
     number = {name: described(NOT_NEGATIVE, meaning) for name, meaning in meanings.items()}
     number['rate_hz'] = {**number['rate_hz'], 'minimum': 0, 'exclusiveMinimum': 0}
+    return number
+
+
+def expectations_file() -> Schema:
+    level = {'enum': ['fail', 'warn'], 'default': 'fail', 'description': 'if it is not met'}
+    number = expected_numbers()
     stream = {
         'topic': described(TEXT, 'topic of the stream'),
         'level': level,
