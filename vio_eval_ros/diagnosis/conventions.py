@@ -11,6 +11,7 @@ from vio_eval_ros.core import rotation
 from vio_eval_ros.core.interpolation import Interpolator
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.fitting import (
+    FEWEST_MOTIONS,
     horizon,
     mean_rotation,
     relative_rotations,
@@ -21,7 +22,6 @@ from vio_eval_ros.diagnosis.fitting import (
 
 #: over which relative rotations and displacements are compared
 ROTATION_S, DISPLACEMENT_S = 0.25, 1.0
-FEWEST_MOTIONS = 10
 #: residuals: a wrong convention has many times that of the right one, which in healthy runs is
 #: 0.1 and less
 WRONG_RESIDUAL_RATIO, RIGHT_RESIDUAL_RATIO = 0.5, 0.15

@@ -10,7 +10,7 @@ from vio_eval_ros.diagnosis.diagnosed_run import ATE
 from vio_eval_ros.diagnosis.gyroscope import GyroscopeComparison
 from vio_eval_ros.diagnosis.report import Cause, Diagnosis
 from vio_eval_ros.diagnosis.signals import SignalLag
-from vio_eval_ros.diagnosis.warnings import late_or_early, SIDES
+from vio_eval_ros.diagnosis.warnings import late_or_early, SIDE_NAMES
 from vio_eval_ros.rendering.text import number, percent
 
 #: moments that are listed of a cause
@@ -54,7 +54,7 @@ def _causes(diagnosis: Diagnosis) -> list[str]:
             lines.append('')
         lines += [
             f'{place}. {cause.name}  (confidence {percent(cause.confidence)})',
-            f'   {SIDES[cause.side]}: {cause.evidence}.',
+            f'   {SIDE_NAMES[cause.side]}: {cause.evidence}.',
         ]
         if math.isfinite(cause.ate_before_m + cause.ate_after_m):
             lines.append(
@@ -71,7 +71,7 @@ def _flags(cause: Cause) -> list[str]:
     if not cause.flags:
         return []
     appended = cause.flags[0].startswith('?')
-    where = f'append to the spec of {SIDES[cause.side]}' if appended else 'replay'
+    where = f'append to the spec of {SIDE_NAMES[cause.side]}' if appended else 'replay'
     return [f'   {where}: {shlex.join(cause.flags)}']
 
 

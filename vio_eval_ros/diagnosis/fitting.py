@@ -24,6 +24,8 @@ LEFT_OUT_WEIGHT = 1 - 1e-9
 FIRST_VARIANCE = 1e-8
 #: how far apart two samples may be from the time asked for
 HORIZON_TOLERANCE = 0.25
+#: relative motions that anything can be fitted to
+FEWEST_MOTIONS = 10
 
 
 def student(t: float) -> float:

@@ -21,7 +21,7 @@ from vio_eval_ros.diagnosis.fitting import (
 )
 
 #: over which displacements are compared
-DISPLACEMENT_S = 0.5
+BODY_MOTION_S = 0.5
 UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -85,7 +85,7 @@ def fit_body(pairs: Pairs, sensor: np.ndarray) -> Body:
         return Body.unknown()
     stamps_ns = estimate.stamps_ns
     interval_s = float(np.median(np.diff(stamps_ns))) / 1e9
-    begin, end = horizon(stamps_ns, max(DISPLACEMENT_S, interval_s))
+    begin, end = horizon(stamps_ns, max(BODY_MOTION_S, interval_s))
     if len(begin) < 2 * BLOCKS:
         return Body.unknown()
     back = rotation.conjugate(estimate.rotations[begin])

@@ -16,7 +16,7 @@ from vio_eval_ros.diagnosis.fitting import horizon, relative_rotations, robust_s
 from vio_eval_ros.diagnosis.lag import fit_lag, Lag, MOTION_S, speed_peak
 from vio_eval_ros.errors import NoPairs
 
-FEWEST_SAMPLES = 20
+FEWEST_RATES = 20
 #: rates are not integrated over longer intervals
 LONGEST_INTERVAL_S = 0.1
 BIAS_STEPS, CONVERGED_RAD_S = 10, 1e-4
@@ -73,10 +73,10 @@ def compare(estimate: Trajectory, stamps_ns: np.ndarray, rates: np.ndarray) -> G
     rates = rates[np.isfinite(rates).all(axis=1)][first]
     if estimate.rotations is None:
         raise NoPairs('an estimate of positions only has no rotations to compare a gyroscope with')
-    if min(len(stamps_ns), len(estimate)) < FEWEST_SAMPLES:
+    if min(len(stamps_ns), len(estimate)) < FEWEST_RATES:
         raise NoPairs(
             f'the gyroscope has {len(stamps_ns)} samples, the estimate {len(estimate)} poses; '
-            f'{FEWEST_SAMPLES} are needed'
+            f'{FEWEST_RATES} are needed'
         )
     degrees = _in_degrees(estimate, rates)
     rates = np.radians(rates) if degrees else rates

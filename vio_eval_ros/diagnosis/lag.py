@@ -14,6 +14,7 @@ from vio_eval_ros.core.rotation import lengths
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.correlation import correlate, Peak
 from vio_eval_ros.diagnosis.fitting import (
+    FEWEST_MOTIONS,
     horizon,
     least_squares,
     relative_rotations,
@@ -26,18 +27,17 @@ from vio_eval_ros.diagnosis.geometry import UP
 #: speeds are correlated at this step, each over this window
 GRID_S, WINDOW_S = 0.01, 0.1
 #: a stamp of zero among those of today must not take all memory
-MOST_SAMPLES = 1 << 21
+MOST_GRID_SAMPLES = 1 << 21
 #: over a few samples of the truth a difference is all noise, which would pass for motion
 PROBE_S = 0.05
 #: over which relative motions are compared
 MOTION_S = 0.25
 #: rotation vectors are ambiguous near π
 LARGEST_ROTATION_RAD = 2.6
-FEWEST_MOTIONS = 10
 #: where only positions determine the lag, scale and heading may follow polynomials, whose degree
 #: rises by one in so many seconds
 SECONDS_PER_DEGREE, LARGEST_DEGREE = 15.0, 8
-GAUSS_NEWTON_STEPS, LARGEST_STEP_S, CONVERGED_S = 15, 0.1, 1e-6
+GAUSS_NEWTON_STEPS, LARGEST_STEP_S, LAG_CONVERGED_S = 15, 0.1, 1e-6
 #: what interpolation and the rounding of stamps leave, even of a perfect run
 FLOOR_S, FLOOR_INTERVALS = 2e-4, 0.02
 
@@ -52,7 +52,7 @@ def speed_peak(estimate: Trajectory, truth: Trajectory, max_gap_s: float) -> Pea
     by_rotations = estimate.rotations is not None and truth.rotations is not None
     sides = (estimate, truth)
     longest_s = max(float(np.ptp(side.stamps_ns)) for side in sides) / 1e9
-    step_s = max(GRID_S, longest_s / MOST_SAMPLES)
+    step_s = max(GRID_S, longest_s / MOST_GRID_SAMPLES)
     first, second = (_speeds(side, step_s, by_rotations, max_gap_s) for side in sides)
     peak = correlate(first, second, step_s)
     apart_s = int(estimate.stamps_ns[0] - truth.stamps_ns[0]) / 1e9
@@ -130,7 +130,7 @@ def fit_lag(estimate: Trajectory, truth: Interpolator, start_s: float, by_rotati
         if np.count_nonzero(motions.known) < FEWEST_MOTIONS:
             return lag
         lag, weights, change_s = problem.step(lag, motions, weights * motions.known)
-        if abs(change_s) < CONVERGED_S:
+        if abs(change_s) < LAG_CONVERGED_S:
             break
     return lag
 

@@ -12,8 +12,8 @@ from vio_eval_ros.diagnosis.fitting import BLOCKS, T_95
 from vio_eval_ros.errors import NoPairs
 
 FEWEST_SAMPLES = 20
-MOST_SAMPLES = 1 << 20
-ROOT_STEPS, CONVERGED_S = 8, 1e-7
+MOST_SIGNAL_SAMPLES = 1 << 20
+ROOT_STEPS, ROOT_CONVERGED_S = 8, 1e-7
 #: short parts of the signals, and within how many of their standard deviations 95 % of Student's
 #: distribution are
 PARTS, T_95_OF_PARTS = 30, 2.045
@@ -22,7 +22,7 @@ PARTS, T_95_OF_PARTS = 30, 2.045
 PREFERENCE_RATIO, WORSE_RATIO = 1.3, 1.6
 #: of the longer interval between samples, for each radian by which the signals change in it: what
 #: interpolation leaves of hardly sampled ones
-FLOOR_INTERVALS = 0.04
+INTERPOLATION_FLOOR = 0.04
 #: another peak may be the right one where no more than this is left unexplained
 RIVAL_RATIO, RIVAL_RESIDUAL = 1.1, 0.02
 
@@ -71,7 +71,7 @@ def lag_of_signals(
         raise NoPairs('a signal that never changes has no lag')
     spans = [float(np.ptp(stamps)) for stamps in (first_s, second_s)]
     step_s = min(float(np.median(np.diff(stamps))) for stamps in (first_s, second_s))
-    step_s = max(step_s, sum(spans) / MOST_SAMPLES)
+    step_s = max(step_s, sum(spans) / MOST_SIGNAL_SAMPLES)
     grids = [stamps[0] + step_s * np.arange(int(np.ptp(stamps) / step_s) + 1)
              for stamps in (first_s, second_s)]  # fmt: skip
     sampled = np.interp(grids[0], first_s, first), np.interp(grids[1], second_s, second)
@@ -115,7 +115,9 @@ class _SignalPair:
         #: the longer interval between samples
         self._interval_s = max(intervals_s)
         self._span_s = float(np.ptp(first_s))
-        self._step_s = max(min(*intervals_s, max(intervals_s) / 4), self._span_s / MOST_SAMPLES)
+        self._step_s = max(
+            min(*intervals_s, max(intervals_s) / 4), self._span_s / MOST_SIGNAL_SAMPLES
+        )
         self._grid_s = np.arange(first_s[0], first_s[-1], self._step_s)
         self._first = np.interp(self._grid_s, first_s, first)
 
@@ -138,7 +140,7 @@ class _SignalPair:
             return offset_s, math.inf
         power = abs(np.vdot(*self._smoothed(offset_s, width)))
         rad_s = math.sqrt(terms[1].sum() / 2 / power)
-        return offset_s, math.hypot(scatter_s, FLOOR_INTERVALS * rad_s * self._interval_s**2)
+        return offset_s, math.hypot(scatter_s, INTERPOLATION_FLOOR * rad_s * self._interval_s**2)
 
     def _smoothed(self, offset_s: float, width: int) -> tuple[np.ndarray, np.ndarray]:
         """Return both signals, smoothed, at the times that they share."""
@@ -168,7 +170,7 @@ class _SignalPair:
             largest_s = width * self._step_s
             change_s = float(np.clip(value / slope, -largest_s, largest_s))
             offset_s += change_s
-            if abs(change_s) < CONVERGED_S:
+            if abs(change_s) < ROOT_CONVERGED_S:
                 break
         return offset_s
 

@@ -10,7 +10,7 @@ from vio_eval_ros.diagnosis.gyroscope import GyroscopeComparison
 from vio_eval_ros.diagnosis.limits import DiagnosisLimits
 from vio_eval_ros.rendering.text import percent
 
-SIDES = {'estimate': 'the estimate', 'ground_truth': 'the ground truth'}
+SIDE_NAMES = {'estimate': 'the estimate', 'ground_truth': 'the ground truth'}
 
 
 def warnings_of(
@@ -31,16 +31,16 @@ def _left_out(findings: Mapping[str, Any]) -> list[str]:
     for side, reasons in findings.get('dropped', {}).items():
         said = ', '.join(f'{count} {reason}' for reason, count in reasons.items() if count)
         if said:
-            warnings.append(f'{SIDES[side]} has poses that were left out: {said}.')
+            warnings.append(f'{SIDE_NAMES[side]} has poses that were left out: {said}.')
     for side, count in findings.get('stamps_far_from_all_others', {}).items():
         if count:
             warnings.append(
-                f'{SIDES[side]} has poses with stamps far from all others, left out: {count}.'
+                f'{SIDE_NAMES[side]} has poses with stamps far from all others, left out: {count}.'
             )
     for side in findings.get('orientations_that_never_change', []):
         warnings.append(
-            f'all orientations of {SIDES[side]} are the same, as if they had never been filled '
-            'in: they were left out, and what only orientations show cannot be determined.'
+            f'all orientations of {SIDE_NAMES[side]} are the same, as if they had never been '
+            'filled in: they were left out, and what only orientations show cannot be determined.'
         )
     return warnings
 
