@@ -47,7 +47,7 @@ def test_a_replay_is_reproduced_and_says_when_it_is_not(lab, tmp_path):
 
     good = start('score', '--verify', lab / 'm.json', cwd=tmp_path)  # in another process
     assert (good.returncode, good.stderr) == (0, '')
-    assert good.stdout == 'reproduced to the last bit: 1 of 1 runs are as they were\n'
+    assert good.stdout == 'reproduced to the last bit: 1 of 1 runs are unchanged\n'
 
     (lab / 'runs/a.tum').write_bytes((lab / 'runs/b.tum').read_bytes())
     (lab / 'vio.yaml').write_text('keyframes: 7\n')
@@ -58,7 +58,7 @@ def test_a_replay_is_reproduced_and_says_when_it_is_not(lab, tmp_path):
     assert any(': ate_trans_rmse_m was 0.' in line for line in lines)
     assert lines[-2:] == [
         'note: vio.yaml has changed',
-        'not reproduced: 0 of 1 runs are as they were',
+        'not reproduced: 0 of 1 runs are unchanged',
     ]
 
 
@@ -76,7 +76,7 @@ def test_a_suite_writes_its_manifest_where_it_or_the_user_says(lab):
     for manifest in ('m.json', 'results/manifest.json'):
         done = call('score', '--verify', manifest, cwd=lab)
         assert (done.returncode, done.stderr) == (0, '')
-        assert '2 of 2 runs are as they were' in done.stdout
+        assert '2 of 2 runs are unchanged' in done.stdout
     content = json.loads((lab / 'results/manifest.json').read_text())
     files = content['sequences'][0]['runs'][0]['estimate']['files']
     assert files[0]['path'] == '../runs/a.tum'
@@ -94,16 +94,16 @@ def test_what_cannot_be_verified_is_one_line_and_status_2(lab):
     (lab / 'm.json').write_text('{"schema": ')
     assert 'is damaged' in complaint('score', '--verify', 'm.json', cwd=lab)
     for rest in (['suite.yaml'], ['--json'], ['--tags', 'a'], ['--manifest', 'x']):
-        assert 'goes alone' in complaint('score', '--verify', 'm.json', *rest, cwd=lab)
+        assert 'cannot be combined' in complaint('score', '--verify', 'm.json', *rest, cwd=lab)
     assert 'give a SUITE.yaml, or a manifest' in complaint('score', cwd=lab)
 
 
 @pytest.mark.parametrize(
     ('arguments', 'problem'),
     [
-        (['--stack-name', 'okvis'], 'goes with --manifest'),
-        (['--calibration', 'vio.yaml'], 'goes with --manifest'),
-        (['--sequence', 'V1_02'], 'goes with --manifest'),
+        (['--stack-name', 'okvis'], 'need --manifest'),
+        (['--calibration', 'vio.yaml'], 'need --manifest'),
+        (['--sequence', 'V1_02'], 'need --manifest'),
         (['--manifest', 'm.json', '--stack-config', 'no.yaml'], 'no.yaml: no such file'),
         (['--manifest', 'nowhere/m.json'], 'there is no folder nowhere'),
         (['--manifest', 'gt.tum'], 'would overwrite the input gt.tum'),

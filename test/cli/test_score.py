@@ -288,7 +288,7 @@ def test_a_baseline_of_nothing_is_recorded_with_a_complaint(flights, tmp_path):
     nothing = (flights / 'equal.yaml', '--set', 'sequences.a.estimate=none.tum')
     done = score(*nothing, '--record-baseline', path)
     assert done.returncode == 1
-    assert 'a: no run of it was scored; the baseline has nothing of it' in done.stderr
+    assert 'a: no run was scored, so the baseline has no values of it' in done.stderr
     assert result(*nothing, '--baseline', path, status=1)['notes'] == [
         f'a: no {ATE} in the baseline'
     ]
@@ -435,7 +435,7 @@ def test_tags_and_settings_choose_what_is_scored(flights, tmp_path):
     [
         ((), 'give a SUITE.yaml'),
         (('nowhere.yaml',), 'nowhere.yaml: No such file'),
-        (('before.yaml', '--jobs', '0'), '--jobs: at least 1 is needed'),
+        (('before.yaml', '--jobs', '0'), '--jobs: must be at least 1'),
         (('before.yaml', '--jobs', 'two'), 'invalid int value'),
         (('before.yaml', '--report', 'pdf:x'), 'json, junit, markdown'),
         (('before.yaml', '--report', 'json:/nowhere/x'), 'there is no folder /nowhere'),
@@ -446,7 +446,7 @@ def test_tags_and_settings_choose_what_is_scored(flights, tmp_path):
         (('before.yaml', '--report=csv:new', '--report=json:new'), 'would overwrite csv:new'),
         (('before.yaml', '--report=csv:new', '--record-baseline=new'), 'would overwrite csv:new'),
         (('before.yaml', '--accept', 'everything'), 'invalid choice'),
-        (('before.yaml', '--accept', 'options'), '--accept goes with --baseline'),
+        (('before.yaml', '--accept', 'options'), '--accept needs --baseline'),
         (('before.yaml', '--set', 'sequences.a.ground_truth=no.tum'), 'ground_truth: there is no'),
         (('before.yaml', '--set', 'options.alignment=se'), "did you mean 'se3'?"),
         (('before.yaml', '--set', 'sequences.a.estimate=none/*'), "nothing matches 'none/*'"),

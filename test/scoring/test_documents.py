@@ -229,7 +229,7 @@ def test_junit_has_a_case_for_each_gate_and_comparison(result):
         'ate_trans_rmse_m<=0.2 of the worst run',
     }
     assert 'new/1.tum: ' in cases['new']['success_rate>=1'].get('message')
-    assert 'new/2.tum: no success, coverage_ratio is 0.39' in cases['new']['success_rate>=1'].text
+    assert 'new/2.tum: failed, coverage_ratio is 0.39' in cases['new']['success_rate>=1'].text
     assert (root.get('tests'), root.get('failures'), root.get('errors')) == ('15', '5', '0')
 
 
@@ -272,7 +272,9 @@ def test_the_terminal_has_the_table_and_the_reasons(result, hostile):
     assert lines[0].split()[:3] == ['sequence', 'runs', 'ATE']
     assert [line.split()[0] for line in lines[2:5]] == ['worse', 'new', 'good']
     assert lines[-1] == 'FAIL: 2 of 3 sequences failed'
-    assert any('worse: FAIL ate_trans_rmse_m was 0.11 and is 0.21' in line for line in lines)
+    assert any(
+        'worse: FAIL ate_trans_rmse_m rose from 0.11 to 0.21 m (p = ' in line for line in lines
+    )
     assert 'worse: warn ate_trans_rmse_m is 0.21, the gate is ate_trans_rmse_m<=0.1' in lines
     assert 'note: gone: in the baseline, but not scored' in lines
     for line in suite_text(hostile).splitlines():
@@ -300,7 +302,7 @@ def test_of_many_warnings_not_all_are_told(lab):
         (lab.folder / f'a/{k}.tum').write_text('\n'.join(rows))
     text = suite_text(lab.score('a'))
     assert text.count('warning: ') == 11
-    assert 'a: warning: and 2 more warnings of single runs; json has them all' in text
+    assert 'a: warning: and 2 more warnings; the JSON report has all of them' in text
 
 
 def test_runs_that_are_not_in_a_figure_are_not_counted_beside_it(lab):

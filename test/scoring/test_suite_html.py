@@ -130,7 +130,7 @@ def test_every_run_is_drawn_beside_the_baseline_and_the_gates(result, report, pa
     assert (at, steady.metrics[ATE].median) in marks(figure, 'median')
     assert [value for line, value in marks(figure, 'fail') if line == at] == [0.3]
     assert [value for line, value in marks(figure, 'warn') if line == at] == [0.1]
-    assert len(marks(figure, 'run without success')) == 1
+    assert len(marks(figure, 'failed run')) == 1
 
 
 def test_the_median_run_is_the_one_that_is_shown(result, report, parsed):

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from vio_eval_ros.cli.completion import complete
 from vio_eval_ros.cli.inputs import add_inputs, sources_of
@@ -62,15 +64,15 @@ def _parser() -> Parser:
     output.add_argument(
         '--series',
         metavar='csv:PATH',
-        help='write the running ATE and RPE, once for each second of stamps',
+        help='write the running ATE and RPE, once per second of stamps',
     )
     gate = output.add_argument(
         '--gate',
         action='append',
         default=[],
         metavar='METRIC<=LIMIT',
-        help='fail with status 1 where a metric is beyond a limit (<= or >=) or '
-        'null; may be repeated',
+        help='exit with status 1 if a metric is beyond a limit (<= or >=) or null; '
+        'may be repeated',
     )
     complete(gate, lambda **_: [f'{name}<=' for name in metric_names(EvaluationConfig())])
     output.add_argument(
@@ -90,57 +92,74 @@ def _add_provenance(parser: Parser) -> None:
         '--manifest',
         type=Path,
         metavar='FILE',
-        help='write what the result was made of, for `score --verify FILE` to make it again; '
-        'the rest of this group is what it should say',
+        help='record what the result was made of, for `score --verify FILE`; the other options of '
+        'this group state what it records',
     )
     group.add_argument(
-        '--sequence', metavar='NAME', help='the name of the sequence (default: that of its file)'
+        '--sequence', metavar='NAME', help='name of the sequence (default: that of its file)'
     )
     for part in ('name', 'version', 'commit'):
         group.add_argument(
-            f'--stack-{part}', metavar=part.upper(), help=f'the {part} of the software under test'
+            f'--stack-{part}', metavar=part.upper(), help=f'{part} of the software under test'
         )
     for flag, what in (('--stack-config', 'configuration'), ('--calibration', 'calibration')):
         group.add_argument(
-            flag, nargs='+', type=Path, metavar='FILE', help=f'its {what} files, which are copied'
+            flag,
+            nargs='+',
+            type=Path,
+            metavar='FILE',
+            help=f'its {what} files, whose text is included',
         )
 
 
 def _replay(arguments: argparse.Namespace) -> int:
     config = config_of(arguments)
-    reports = [Target.parse(text, REPORTS) for text in arguments.report]
-    series = arguments.series and Target.parse(arguments.series, SERIES)
-    manifest = arguments.manifest and Target.of('manifest', arguments.manifest)
-    stack = _stack(arguments)
-    gates = [Gate.parse(text) for text in arguments.gate]
-    if arguments.gates is not None:
-        gates += gates_of(arguments.gates)
-    if gates:
-        check_names(gates, metric_names(config))
-
+    outputs = _outputs(arguments)
+    gates = _gates(arguments, config)
     estimate, truth = sources_of(arguments)
-    targets = [*reports, *(target for target in (series, manifest) if target)]
+    targets = [target for target, _ in outputs]
     check_targets(targets, [*estimate.paths, *truth.paths, *_documents(arguments)])
     formats = {target.format for target in targets}
     hashed = arguments.json or not formats.isdisjoint(HASHED)
     result = score_run(estimate, truth, config, gates, hashed)
-    if series or not formats.isdisjoint(RUNNING):
+    if arguments.series or not formats.isdisjoint(RUNNING):
         result = replace(result, series=_series(config, estimate, truth))
-    done = [
-        written('replay', report, partial(REPORTS[report.format], result)) for report in reports
-    ]
-    if series:
-        done.append(written('replay', series, lambda: series_csv(result.series)))
-    if manifest:
-        done.append(written('replay', manifest, lambda: _manifest(arguments, stack, result)))
+    done = [written('replay', target, partial(render, result)) for target, render in outputs]
     print(REPORTS['json'](result) if arguments.json else text_report(result), end='', flush=True)
     if not all(done):
         return UNABLE
     return FAILED if result.passed is False else PASSED
 
 
+def _outputs(
+    arguments: argparse.Namespace,
+) -> list[tuple[Target, Callable[[Result], str | bytes]]]:
+    """Return each file to write, and what makes its content."""
+    reports = [Target.parse(text, REPORTS) for text in arguments.report]
+    outputs = [(target, REPORTS[target.format]) for target in reports]
+    if arguments.series:
+        target = Target.parse(arguments.series, SERIES)
+        outputs.append((target, lambda result: series_csv(result.series)))
+    if arguments.manifest is not None:
+        target = Target.of('manifest', arguments.manifest)
+        outputs.append((target, partial(_manifest, arguments, _stack(arguments))))
+    elif any(value is not None for value in _provenance(arguments)):
+        raise ConfigError('--sequence, --stack-... and --calibration need --manifest')
+    return outputs
+
+
+def _gates(arguments: argparse.Namespace, config: EvaluationConfig) -> list[Gate]:
+    """Return the gates of the command line and of the file."""
+    gates = [Gate.parse(text) for text in arguments.gate]
+    if arguments.gates is not None:
+        gates += gates_of(arguments.gates)
+    if gates:
+        check_names(gates, metric_names(config))
+    return gates
+
+
 def _documents(arguments: argparse.Namespace) -> list[Path]:
-    """Return what is read beside poses, and the recording as a whole."""
+    """Return the files that are read apart from poses, and the recording as a whole."""
     specs = (Spec.parse(spec) for spec in (arguments.estimate, arguments.ground_truth) if spec)
     named = [arguments.recording, arguments.config, arguments.gates, *(one.path for one in specs)]
     listed = [*(arguments.stack_config or ()), *(arguments.calibration or ())]
@@ -151,18 +170,21 @@ def _series(
     config: EvaluationConfig, estimate: Source, truth: Source
 ) -> list[tuple[int, dict[str, float]]]:
     """Return the running values of the run."""
-    # what a live evaluation would have shown, it showed of poses as first published
+    # a live evaluation would have seen the poses as first published
     poses = estimate.poses if estimate.causal is None else estimate.causal
     return list(running_series(config, poses, truth.poses))
 
 
+def _provenance(arguments: argparse.Namespace) -> Iterator[Any]:
+    """Yield all that only a manifest records."""
+    yield from (arguments.sequence, arguments.calibration)
+    yield from (getattr(arguments, f'stack_{key}') for key in STACK_KEYS)
+
+
 def _stack(arguments: argparse.Namespace) -> Stack:
-    """Return what the command line says of the software under test."""
-    given = {key: getattr(arguments, f'stack_{key}') for key in STACK_KEYS}
-    others = (arguments.sequence, arguments.calibration, *given.values())
-    if arguments.manifest is None and any(value is not None for value in others):
-        raise ConfigError('what is said of the sequence and the stack goes with --manifest')
-    return Stack.of(given, arguments.calibration or ())
+    """Return what the command line states of the software under test."""
+    stated = {key: getattr(arguments, f'stack_{key}') for key in STACK_KEYS}
+    return Stack.of(stated, arguments.calibration or ())
 
 
 def _manifest(arguments: argparse.Namespace, stack: Stack, result: Result) -> str:

@@ -1,4 +1,4 @@
-"""Scores the runs of a suite of sequences against gates and a baseline: one verdict for all."""
+"""Scores the runs of a suite against gates and a baseline, with one verdict for all."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ examples:
   score suite.yaml --tags easy --set options.alignment=sim3 --set sequences.V1_02.gates='{}'
   score --verify manifest.json
 
-exit status: 0 all passed (or reproduced), 1 a gate failed or the baseline was better (or not
-reproduced), 2 could not be done
+exit status: 0 all passed (or reproduced), 1 a gate failed or a metric is worse than in the
+baseline (or not reproduced), 2 could not be done
 """
 
 
@@ -44,8 +44,28 @@ def main(argv: list[str] | None = None) -> int:
 
 def _parser() -> Parser:
     parser = Parser(prog='score', description=__doc__, epilog=EXAMPLES)
+    _add_selection(parser)
+    _add_baseline(parser.add_argument_group('baseline'))
+    output = parser.add_argument_group('output')
+    add_reports(output, SUITE_REPORTS)
+    output.add_argument(
+        '--manifest',
+        type=Path,
+        metavar='FILE',
+        help='record what the results were made of (default: the manifest of the suite, if any)',
+    )
     parser.add_argument(
-        'suite', nargs='?', type=Path, metavar='SUITE.yaml', help='what is scored, and how'
+        '--verify',
+        type=Path,
+        metavar='MANIFEST',
+        help='instead of a suite, score the runs of a manifest again and compare the results',
+    )
+    return parser
+
+
+def _add_selection(parser: Parser) -> None:
+    parser.add_argument(
+        'suite', nargs='?', type=Path, metavar='SUITE.yaml', help='the sequences to score, and how'
     )
     parser.add_argument(
         '--set',
@@ -59,7 +79,7 @@ def _parser() -> Parser:
         nargs='+',
         default=[],
         metavar='TAG',
-        help='score the sequences with such a tag or name',
+        help='score only the sequences with one of these tags or names',
     )
     parser.add_argument(
         '--jobs',
@@ -68,41 +88,31 @@ def _parser() -> Parser:
         if hasattr(os, 'sched_getaffinity')
         else os.cpu_count(),
         metavar='N',
-        help='how many processes (default: one for each core)',
+        help='number of processes (default: one per core)',
     )
-    against = parser.add_argument_group('baseline')
-    against.add_argument(
+
+
+def _add_baseline(group: argparse._ArgumentGroup) -> None:
+    group.add_argument(
         '--record-baseline',
         type=Path,
         metavar='FILE',
-        help='write what the runs gave, to compare others with',
+        help='record the results of this suite as a baseline',
     )
-    against.add_argument(
-        '--baseline', type=Path, metavar='FILE', help='fail where the runs are worse than these'
+    group.add_argument(
+        '--baseline',
+        type=Path,
+        metavar='FILE',
+        help='fail where a metric is worse than in this baseline',
     )
-    against.add_argument(
+    group.add_argument(
         '--accept',
         nargs='+',
         choices=CONDITIONS,
         default=[],
         metavar='WHAT',
-        help='compare though these were others for the baseline: ' + ', '.join(CONDITIONS),
+        help=f'compare although these differ from the baseline: {", ".join(CONDITIONS)}',
     )
-    output = parser.add_argument_group('output')
-    add_reports(output, SUITE_REPORTS)
-    output.add_argument(
-        '--manifest',
-        type=Path,
-        metavar='FILE',
-        help='write what the results were made of (default: where the suite says, if it does)',
-    )
-    parser.add_argument(
-        '--verify',
-        type=Path,
-        metavar='MANIFEST',
-        help='instead of a suite, score again what a manifest names: does it give the same?',
-    )
-    return parser
 
 
 def _score(arguments: argparse.Namespace) -> int:
@@ -111,13 +121,13 @@ def _score(arguments: argparse.Namespace) -> int:
     if arguments.suite is None:
         raise ConfigError('give a SUITE.yaml, or a manifest to --verify')
     if arguments.accept and arguments.baseline is None:
-        raise ConfigError('--accept goes with --baseline')
+        raise ConfigError('--accept needs --baseline')
     if arguments.jobs < 1:
-        raise ConfigError('--jobs: at least 1 is needed')
+        raise ConfigError('--jobs: must be at least 1')
     suite = load_suite(arguments.suite, arguments.set, arguments.tags)
     outputs = _outputs(arguments, suite)
     baseline = None if arguments.baseline is None else Baseline.load(arguments.baseline)
-    if baseline is not None:  # before hours of scoring, what can be known by then
+    if baseline is not None:  # what can be checked before hours of scoring
         baseline.check({one.name: one.conditions for one in suite.sequences}, arguments.accept)
     result = score_suite(suite, arguments.jobs, _progress)
     if baseline is not None:
@@ -133,7 +143,7 @@ def _score(arguments: argparse.Namespace) -> int:
 def _outputs(
     arguments: argparse.Namespace, suite: Suite
 ) -> list[tuple[Target, Callable[[SuiteResult], str]]]:
-    """Return each file that is to be written, and what makes its text."""
+    """Return each file to write, and what makes its text."""
     targets = [Target.parse(text, SUITE_REPORTS) for text in arguments.report]
     outputs = [(target, SUITE_REPORTS[target.format]) for target in targets]
     if arguments.record_baseline is not None:
@@ -148,20 +158,20 @@ def _outputs(
 
 
 def _verify(arguments: argparse.Namespace) -> int:
-    """Print what has changed since a manifest was written."""
+    """Print what differs from when a manifest was written."""
     defaults = vars(_parser().parse_args(['--verify', str(arguments.verify)]))
     for name, value in vars(arguments).items():
         if value != defaults[name]:
-            raise ConfigError(f'--verify goes alone, without {name.replace("_", "-")}')
+            raise ConfigError(f'--verify cannot be combined with {name.replace("_", "-")}')
     found = verify(arguments.verify, _progress)
     lines = [*found.differences, *(f'note: {note}' for note in found.notes)]
-    runs = f'{found.reproduced} of {found.runs} runs are as they were'
+    runs = f'{found.reproduced} of {found.runs} runs are unchanged'
     if not found.differences:
         lines.append(f'reproduced to the last bit: {runs}')
     elif found.reproduced < found.runs:
         lines.append(f'not reproduced: {runs}')
     else:
-        lines.append(f'not reproduced: {runs}, what was judged of them is not')
+        lines.append(f'not reproduced: {runs}, but their verdict is not')
     print('\n'.join(printable(line) for line in lines), flush=True)
     return FAILED if found.differences else PASSED
 
@@ -171,12 +181,12 @@ def _recorded(result: SuiteResult) -> str:
     recorded = {one.sequence.name: one.recorded for one in result.sequences}
     for name, one in recorded.items():
         if not one.metrics:
-            complain('score', f'{name}: no run of it was scored; the baseline has nothing of it')
+            complain('score', f'{name}: no run was scored, so the baseline has no values of it')
     return Baseline(definition_sha256(), recorded).to_json()
 
 
 def _progress(items: Iterable[Any], total: int) -> Iterator[Any]:
-    """Yield the items behind a bar, where stderr is a terminal."""
+    """Yield the items, with a progress bar if stderr is a terminal."""
     if sys.stderr is None or not sys.stderr.isatty():
         yield from items
     else:

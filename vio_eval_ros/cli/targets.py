@@ -28,7 +28,7 @@ def add_reports(group: Any, formats: Iterable[str]) -> None:
 
 
 class Target(NamedTuple):
-    """A format and the file that it goes to."""
+    """The format of a report, and its file."""
 
     format: str
     path: Path
@@ -38,12 +38,14 @@ class Target(NamedTuple):
         """Return the target that ``FORMAT:PATH`` means."""
         name, _, path = text.partition(':')
         if name not in formats or not path:
-            raise ConfigError(f"'{text}': write FORMAT:PATH with a format of {', '.join(formats)}")
+            raise ConfigError(
+                f"'{text}': write FORMAT:PATH, with FORMAT one of {', '.join(formats)}"
+            )
         return cls.of(name, Path(path))
 
     @classmethod
     def of(cls, name: str, path: Path) -> Target:
-        """Return the target, in a folder that is there."""
+        """Return the target; its folder must exist."""
         if not path.parent.is_dir():
             raise ConfigError(f"'{path}': there is no folder {path.parent}")
         return cls(name, path)
@@ -51,10 +53,10 @@ class Target(NamedTuple):
 
 def check_targets(targets: Sequence[Target], inputs: Sequence[Path]) -> None:
     """
-    Check that each report is a file of its own.
+    Check that no report overwrites another one or an input.
 
-    :raises ConfigError: two reports, or a report and an input, are the same file, or it would go
-        into a folder that is an input.
+    :raises ConfigError: two reports, or a report and an input, are the same file, or a report is
+        in a folder that is an input.
     """
     folders = {path.resolve(): path for path in inputs if path.is_dir()}
     taken = {path.resolve(): f'the input {path}' for path in inputs}
@@ -70,7 +72,7 @@ def check_targets(targets: Sequence[Target], inputs: Sequence[Path]) -> None:
 
 
 def written(verb: str, target: Target, render: Callable[[], str | bytes]) -> bool:
-    """Return whether a report could be written; a complaint about one does not stop others."""
+    """Return whether a report could be written; one that cannot does not stop the others."""
     try:
         write(target.path, render())
     except VioEvalError as error:

@@ -134,6 +134,11 @@ class MetricComparison:
         return _interval(self.baseline.values, self.candidate.values)
 
     @property
+    def relative_difference(self) -> float:
+        """The difference as a share of the baseline; NaN where that is 0 or unknown."""
+        return self.difference / self.baseline.median if self.baseline.median else math.nan
+
+    @property
     def least_p_value(self) -> float:
         """The smallest p-value that so many runs can have."""
         return _least_p_value(len(self.baseline.values), len(self.candidate.values) + self.missing)
@@ -152,9 +157,7 @@ class MetricComparison:
             'candidate': self.candidate.to_dict(),
             'missing': self.missing,
             'difference': self.difference,
-            'relative_difference': self.difference / self.baseline.median
-            if self.baseline.median
-            else math.nan,
+            'relative_difference': self.relative_difference,
             'allowed': self.allowed,
             'p_value': self.p_value,
             'confidence_interval': list(self.interval),

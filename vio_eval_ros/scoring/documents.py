@@ -30,7 +30,7 @@ LATEX = {
     'RPE 1 s [deg]': 'rpe_1s_rot_rmse_deg',
     'coverage': 'coverage_ratio',
 }
-#: what a cell begins with that a spreadsheet computes
+#: what a spreadsheet takes for the beginning of a formula
 FORMULAS = ('=', '+', '-', '@')
 
 
@@ -42,7 +42,7 @@ def suite_json(result: SuiteResult) -> str:
 
 
 def suite_text(result: SuiteResult) -> str:
-    """Return the table of sequences, worst first, and what is wrong with each."""
+    """Return the table of sequences, worst first, and the problems of each."""
     from tabulate import tabulate
 
     rows = [list(map(printable, row)) for row in map(row_of, worst_first(result))]
@@ -59,7 +59,7 @@ def suite_text(result: SuiteResult) -> str:
 
 
 def suite_markdown(result: SuiteResult) -> str:
-    """Return a table that fits a pull-request comment, worst first, with all that is wrong."""
+    """Return a table that fits a pull-request comment, worst first, with all problems."""
     failed = sum(not one.passed for one in result.sequences)
     verdict = (
         f'❌ {failed} of {len(result.sequences)} sequences failed' if failed else '✅ all pass'
@@ -98,7 +98,7 @@ def suite_csv(result: SuiteResult) -> str:
 
 
 def _cell(text: str) -> str:
-    """Return a text that no spreadsheet takes for a formula."""
+    """Return text that no spreadsheet takes for a formula."""
     return f"'{printable(text)}" if text.startswith(FORMULAS) else printable(text)
 
 
@@ -119,7 +119,7 @@ def suite_latex(result: SuiteResult) -> str:
     ]
     heads = ['sequence', 'runs', *LATEX]
     lines = tabulate(rows, heads, 'latex_booktabs', disable_numparse=True).splitlines()
-    # behind the end of a row these would be its argument
+    # after the end of a row, LaTeX would take these for its argument
     return ''.join('{}' * line.lstrip().startswith(('[', '*')) + line + '\n' for line in lines)
 
 
@@ -149,7 +149,7 @@ def _gate_name(gate: RunsGate) -> str:
 
 
 def _reason(one: SequenceResult, gate: RunsGate, verdict: Verdict) -> str:
-    """Return why a gate failed, with the runs that were no success where it is about those."""
+    """Return why a gate failed; with the failed runs if it is on the success rate."""
     runs = unsuccessful(one) if gate.gate.metric == SUCCESS_RATE else ()
     return printable('; '.join([broken_gate(gate, verdict), *runs]))
 

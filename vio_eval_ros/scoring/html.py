@@ -25,9 +25,17 @@ from vio_eval_ros.scoring.comparison import MetricComparison
 from vio_eval_ros.scoring.plots import marks, strips
 from vio_eval_ros.scoring.results import RunResult, SequenceResult, SuiteResult
 from vio_eval_ros.scoring.suite import RunsGate
-from vio_eval_ros.scoring.tables import ATE, cautions, COLUMNS, problems, row_of, worst_first
+from vio_eval_ros.scoring.tables import (
+    ATE,
+    cautions,
+    change,
+    COLUMNS,
+    problems,
+    row_of,
+    worst_first,
+)
 
-# of each of many runs
+#: drawn of each line of each run
 MOST_POINTS = 1000
 TEXTS = ('sequence', 'band', 'verdict')
 NARROW = ('sequence', 'ATE [m]', 'change', 'verdict')
@@ -55,13 +63,13 @@ def suite_html(result: SuiteResult) -> str:
         ),
         tag('h2', 'Sequences, worst first'),
         _table(ordered),
-        tag('h2', 'One by one'),
+        tag('h2', 'Each sequence'),
         *(_sequence(k, one, one is worst) for k, one in enumerate(ordered)),
     )
 
 
 def _headlines(result: SuiteResult) -> Iterator[tuple[str, str, str]]:
-    """Yield the figures at the top."""
+    """Yield the headline figures."""
     sequences = result.sequences
     runs = [(run, one.sequence) for one in sequences for run in one.runs]
     unscored = sum(run.result is None for run, _ in runs)
@@ -69,7 +77,7 @@ def _headlines(result: SuiteResult) -> Iterator[tuple[str, str, str]]:
     failed = sum(not one.passed for one in sequences)
     yield 'Sequences', str(len(sequences)), f'{failed} failed'
     yield 'Runs', str(len(runs)), f'{unscored} could not be scored' if unscored else 'all scored'
-    yield 'Success', percent(succeeded / len(runs)), 'of the runs tracked and did not diverge'
+    yield 'Success', percent(succeeded / len(runs)), 'of the runs kept track and did not diverge'
     compared = [each for one in sequences for each in one.comparisons or ()]
     if compared:
         worse = sum(each.worse for each in compared)
@@ -80,7 +88,7 @@ def _legend(result: SuiteResult) -> Iterator[object]:
     yield _mark('●', BLUE)
     yield 'a run '
     yield _mark('✕', RED)
-    yield 'a run without success '
+    yield 'a failed run '
     if any(one.comparisons for one in result.sequences):
         yield _mark('○', GREY)
         yield 'a run of the baseline '
@@ -100,7 +108,7 @@ def _mark(sign: str, colour: str) -> Html:
 
 
 def _table(ordered: Iterable[SequenceResult]) -> Html:
-    """Return a row for each sequence, which leads to what is below of it."""
+    """Return a row for each sequence, linked to its section below."""
 
     def row(k: int, one: SequenceResult) -> list[object]:
         name, *cells, verdict = row_of(one)
@@ -119,7 +127,7 @@ def _table(ordered: Iterable[SequenceResult]) -> Html:
 
 
 def _sequence(k: int, one: SequenceResult, worst: bool) -> Html:
-    """Return all about a sequence, folded where it passed; of the worst, nothing is folded."""
+    """Return the section of a sequence, folded if it passed; the worst one is fully open."""
     warned = any(verdict.word == 'warn' for _, verdict in one.verdicts)
     word = ('warn' if warned else 'pass') if one.passed else 'fail'
     ate = one.metrics.get(ATE)
@@ -152,28 +160,23 @@ def _name(gate: RunsGate) -> str:
 
 
 def _strips(one: SequenceResult) -> Iterator[Html]:
-    """Yield the runs by ATE and by what is compared, where there is more than one to see."""
+    """Yield the runs by ATE and by each compared metric, where there is more than one."""
     compared = [each.rule.metric for each in one.comparisons or ()]
     for metric in dict.fromkeys([ATE, *compared]):
         line = marks(one, metric)
-        if sum(mark.kind.startswith('run') for mark in line) > 1:
+        if sum(mark.kind in ('run', 'failed run') for mark in line) > 1:
             yield plot(strips(metric, [('', line)]), 110, f'{metric} of every run')
 
 
 def _compared(comparisons: Iterable[MetricComparison]) -> Html:
-    """Return what became of each metric since the baseline; nothing without one."""
-
-    def change(each: MetricComparison) -> str:
-        share = each.difference / each.baseline.median if each.baseline.median else math.nan
-        return '-' if math.isnan(share) else f'{100 * share:+.1f} %'
-
+    """Return the comparison of each metric with the baseline; nothing without one."""
     rows = [
         [
             each.rule.metric,
             f'{number(each.baseline.median)} ± {number(each.baseline.mad)}',
             number(each.candidate.median),
             f'± {number(each.candidate.mad)}',
-            change(each),
+            change(each) or '-',
             number(each.allowed),
             number(each.p_value),
             badge('fail', 'worse') if each.worse else badge('pass', 'not worse'),
@@ -182,7 +185,7 @@ def _compared(comparisons: Iterable[MetricComparison]) -> Html:
     ]
     heads = ['metric', 'baseline', 'now', 'spread', 'change', 'allowed', 'p', 'verdict']
     found = table(heads, rows, numbers=range(1, 7), minor=(1, 3, 5, 6))
-    return joined([tag('h3', 'Against the baseline'), found]) if rows else Html()
+    return joined([tag('h3', 'Compared with the baseline'), found]) if rows else Html()
 
 
 def _runs(one: SequenceResult) -> Html:
@@ -202,7 +205,7 @@ def _runs(one: SequenceResult) -> Html:
             number(metrics[ATE]),
             number(metrics['ate_rot_rmse_deg']),
             percent(metrics['coverage_ratio']),
-            badge('pass', 'success') if good else badge('fail', 'no success'),
+            badge('pass', 'success') if good else badge('fail', 'failed'),
         ]
 
     return table(
@@ -214,7 +217,7 @@ def _runs(one: SequenceResult) -> Html:
 
 
 def _courses(one: SequenceResult, opened: bool) -> Iterator[Html]:
-    """Yield where and when the median run was wrong, and the worst where something failed."""
+    """Yield the error in space and time of the median run, and of the worst if one failed."""
     scored = [(run, run.result) for run in one.runs if run.result is not None]
     if not scored:
         return
@@ -231,7 +234,7 @@ def _courses(one: SequenceResult, opened: bool) -> Iterator[Html]:
 
 
 def _course(run: RunResult, result: Result, which: str, opened: bool) -> Html:
-    """Return where and when a run was wrong, folded."""
+    """Return the error of a run in space and time, folded."""
     return tag(
         'details',
         tag('summary', f'Where and when: {run.run.name}{which}'),

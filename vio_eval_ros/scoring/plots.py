@@ -29,7 +29,7 @@ MARKERS: Mapping[str, tuple[float, Figure]] = {
         {'symbol': 'line-ns', 'size': 11, 'line': {'color': GREY, 'width': 2}},
     ),
     'run': (0, {'size': 8, 'color': BLUE, 'opacity': 0.75}),
-    'run without success': (
+    'failed run': (
         0,
         {'symbol': 'x-thin', 'size': 8, 'line': {'color': RED, 'width': 2}},
     ),
@@ -59,7 +59,7 @@ def _marks(one: SequenceResult, metric: str) -> Iterator[Mark]:
             yield Mark('baseline, median', each.baseline.median, 'median of the baseline')
     for run in one.runs:
         if run.result is not None:
-            kind = 'run' if run.succeeded(one.sequence) else 'run without success'
+            kind = 'run' if run.succeeded(one.sequence) else 'failed run'
             yield Mark(kind, run.result.summary.metrics[metric], run.run.name)
     if len(one.runs) > 1 and metric in one.metrics:
         yield Mark('median', one.metrics[metric].median, 'median')

@@ -1,4 +1,4 @@
-"""What the reports of a suite say of a sequence: its row in the table, and all that is wrong."""
+"""What the reports of a suite say of a sequence: its row in the table, and what is wrong."""
 
 from __future__ import annotations
 
@@ -14,7 +14,9 @@ from vio_eval_ros.scoring.results import SequenceResult, SuiteResult
 from vio_eval_ros.scoring.suite import RunsGate, SUCCESS_RATE
 
 ATE = 'ate_trans_rmse_m'
-MOST_TOLD = 10
+MOST_WARNINGS = 10
+#: units of metrics, by the ends of their names; the longer before the shorter
+UNITS = {'_deg_per_m': ' deg/m', '_percent': ' %', '_deg': ' deg', '_m': ' m'}
 COLUMNS = (
     'sequence', 'runs', 'ATE [m]', 'spread', 'baseline', 'change', 'p', 'coverage', 'success',
     'band', 'verdict',
@@ -22,31 +24,50 @@ COLUMNS = (
 
 
 def row_of(one: SequenceResult) -> list[str]:
-    """Return what the table has of a sequence, in the order of COLUMNS."""
-    ate = one.metrics.get(ATE)
-    compared = {each.rule.metric: each for each in one.comparisons or ()}.get(ATE)
-    words = {verdict.word for _, verdict in one.verdicts}
+    """Return the row of a sequence in the table, in the order of COLUMNS."""
     coverage = one.metrics.get('coverage_ratio')
-    runs, scored = len(one.runs), len(ate.values) if ate else 0
+    warned = any(verdict.word == 'warn' for _, verdict in one.verdicts)
     return [
         one.sequence.name,
-        str(runs) if scored == runs else f'{scored} of {runs}',
-        number(ate.median) if ate else '-',
-        f'± {number(ate.mad)}' if ate and len(ate.values) > 1 else '',
-        number(compared.baseline.median) if compared else '',
-        f'{100 * compared.difference / compared.baseline.median:+.1f} %'
-        if compared and compared.baseline.median and not math.isnan(compared.difference)
-        else '',
-        number(compared.p_value) if compared and not math.isnan(compared.p_value) else '',
+        *_errors(one),
+        *_against_baseline(one),
         percent(coverage.median) if coverage else '-',
         percent(one.metrics[SUCCESS_RATE].median),
         one.band or '',
-        ('warn' if 'warn' in words else 'pass') if one.passed else 'FAIL',
+        ('warn' if warned else 'pass') if one.passed else 'FAIL',
     ]
 
 
+def _errors(one: SequenceResult) -> tuple[str, str, str]:
+    """Return the number of runs, their ATE and its spread."""
+    runs, ate = len(one.runs), one.metrics.get(ATE)
+    if ate is None:
+        return f'0 of {runs}', '-', ''
+    scored = len(ate.values)
+    return (
+        str(runs) if scored == runs else f'{scored} of {runs}',
+        number(ate.median),
+        f'± {number(ate.mad)}' if scored > 1 else '',
+    )
+
+
+def _against_baseline(one: SequenceResult) -> tuple[str, str, str]:
+    """Return the ATE of the baseline, the change and its p-value."""
+    found = next((each for each in one.comparisons or () if each.rule.metric == ATE), None)
+    if found is None:
+        return '', '', ''
+    p_value = '' if math.isnan(found.p_value) else number(found.p_value)
+    return number(found.baseline.median), change(found), p_value
+
+
+def change(one: MetricComparison) -> str:
+    """Return the relative change of a median; nothing where it is unknown."""
+    share = one.relative_difference
+    return '' if math.isnan(share) else f'{100 * share:+.1f} %'
+
+
 def worst_first(result: SuiteResult) -> list[SequenceResult]:
-    """Return the failed before the passed, and of each the largest ATE first."""
+    """Return the failed sequences before the passed ones, by falling ATE."""
 
     def badness(one: SequenceResult) -> tuple[bool, float]:
         ate = one.metrics[ATE].median if ATE in one.metrics else math.nan
@@ -56,7 +77,7 @@ def worst_first(result: SuiteResult) -> list[SequenceResult]:
 
 
 def problems(one: SequenceResult) -> Iterator[str]:
-    """Yield a sentence for all that is wrong with a sequence, the grave things first."""
+    """Yield a sentence for each problem of a sequence, the most severe first."""
     yield from (f'FAIL {broken_gate(g, v)}' for g, v in one.verdicts if v.word == 'fail')
     yield from (f'FAIL {worse_metric(each)}' for each in one.comparisons or () if each.worse)
     yield from unsuccessful(one)
@@ -67,7 +88,7 @@ def problems(one: SequenceResult) -> Iterator[str]:
 
 
 def unsuccessful(one: SequenceResult) -> Iterator[str]:
-    """Yield each run that was no success, and why."""
+    """Yield each run that was not a success, and why."""
     for run in one.runs:
         if run.result is None:
             path = Spec.parse(run.run.estimate).path
@@ -79,36 +100,43 @@ def unsuccessful(one: SequenceResult) -> Iterator[str]:
                 for gate in one.sequence.success_gates
                 if not gate.passes(metrics[gate.metric])
             ]
-            yield f'{run.run.name}: no success, {" and ".join(broken)}'
+            yield f'{run.run.name}: failed, {" and ".join(broken)}'
 
 
 def cautions(one: SequenceResult) -> Iterator[str]:
-    """Yield what the runs warn of, each once, with in how many of them."""
+    """Yield each warning once, with the number of runs that have it."""
     told: Counter[str] = Counter()
     for run in one.runs:
         if run.result is not None:
             texts = list(run.result.summary.warnings)
-            for path in run.result.estimate.paths:  # which would tell the runs apart
+            for path in run.result.estimate.paths:  # else no two runs would have the same
                 texts = [text.removeprefix(f'{path}: ') for text in texts]
             told.update(list(dict.fromkeys(texts)))
-    for text, runs in told.most_common(MOST_TOLD):
+    for text, runs in told.most_common(MOST_WARNINGS):
         yield f'{text} ({runs} of {len(one.runs)} runs)' if len(one.runs) > 1 else text
-    if len(told) > MOST_TOLD:
-        yield f'and {len(told) - MOST_TOLD} more warnings of single runs; json has them all'
+    if len(told) > MOST_WARNINGS:
+        yield f'and {len(told) - MOST_WARNINGS} more warnings; the JSON report has all of them'
 
 
 def broken_gate(gate: RunsGate, verdict: Verdict) -> str:
-    """Return what a gate says of a value that it does not let pass."""
+    """Return why a value does not pass a gate."""
     what = verdict.gate.metric + ('' if gate.over == 'median' else f' of the {gate.over} run')
     return f'{what} is {number(verdict.value)}, the gate is {verdict.gate}'
 
 
 def worse_metric(one: MetricComparison) -> str:
-    """Return how much worse a metric is than in the baseline, and how sure that is."""
-    metric, low, high = one.rule.metric, *one.interval
-    was, now = number(one.baseline.median), number(one.candidate.median)
+    """Return how much worse a metric is than in the baseline, and how certain that is."""
+    metric, was, low, high = one.rule.metric, one.baseline.median, *one.interval
+    unit = next((unit for end, unit in UNITS.items() if metric.endswith(end)), '')
     runs = len(one.candidate.values) + one.missing
-    missing = f' (no number in {one.missing} of {runs} runs)' if one.missing else ''
-    chance = '' if math.isnan(one.p_value) else f', by chance with p = {number(one.p_value)}'
-    between = '' if math.isnan(low) else f', difference {number(low)} to {number(high)} (95 %)'
-    return f'{metric} was {was} and is {now}{missing}{chance}{between}'
+    missing = [f'no value in {one.missing} of {runs} runs'] if one.missing else []
+    if math.isnan(one.difference):
+        return f'{metric} has {missing[0]}, was {number(was)}{unit}'
+    facts = list(missing)
+    if not math.isnan(one.p_value):
+        facts.append(f'p = {one.p_value:.2g}')
+    if not math.isnan(low):
+        facts.append(f'95 % interval of the change {number(low)} to {number(high)}{unit}')
+    moved = 'rose' if one.difference > 0 else 'fell'
+    told = f'{metric} {moved} from {number(was)} to {number(was + one.difference)}{unit}'
+    return f'{told} ({", ".join(facts)})' if facts else told
