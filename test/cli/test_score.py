@@ -223,7 +223,7 @@ def test_noise_passes_and_what_got_worse_fails_by_the_baseline(flights, baseline
     assert all(gate['passed'] for gate in worse['gates'])
     done = score(flights / 'worse.yaml', '--baseline', baseline)
     assert done.returncode == 1
-    assert f'a: FAIL {ATE} was ' in done.stdout
+    assert f'a: FAIL {ATE} rose from ' in done.stdout
 
 
 def test_a_baseline_does_not_depend_on_the_number_of_processes(flights, baseline, tmp_path):

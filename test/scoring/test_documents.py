@@ -317,7 +317,7 @@ def test_runs_that_are_not_in_a_figure_are_not_counted_beside_it(lab):
     assert (cells['a']['runs'], cells['b']['runs']) == ('2 of 3', '0 of 1')
     assert cells['b']['change'] == ''
     assert 'nan' not in suite_text(result)
-    assert f'b: FAIL {ATE} was 0.1 and is - (no number in 1 of 1 runs)' in suite_text(result)
+    assert f'b: FAIL {ATE} has no value in 1 of 1 runs, was 0.1 m' in suite_text(result)
 
 
 def test_no_name_is_a_formula_a_link_or_an_argument(lab):
