@@ -54,6 +54,7 @@ FORMS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('form', FORMS)
 def test_every_form_of_a_trajectory_gives_the_golden_figures(form, golden, shared_data):
     compared = 0
@@ -118,6 +119,7 @@ def test_a_result_is_json_of_its_schema(flight):
     assert flight.passed
 
 
+@pytest.mark.slow
 def test_a_result_is_shown_in_a_line_and_in_a_notebook_as_a_table(flight):
     assert repr(flight) == (
         '<Result /vio/odometry: 1,200 pairs, 99.9 % covered, ATE 0.0765 m, 1.453 deg, se3>'

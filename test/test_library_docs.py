@@ -39,6 +39,7 @@ def test_the_examples_print_what_is_shown(document, monkeypatch):
     assert any(shown for _, shown in found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('path', NOTEBOOKS, ids=lambda path: path.name)
 def test_every_cell_of_a_notebook_runs(path, monkeypatch):
     monkeypatch.setenv('PYTHONPATH', str(ROOT))

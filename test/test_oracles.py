@@ -176,6 +176,7 @@ def test_no_golden_case_is_left_out(shared_data):
     assert len(json.loads((shared_data / 'golden.json').read_text())) == 20
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('index', range(20))
 def test_golden_errors_are_ours(shared_data, index):
     case, (estimate, truth) = golden(shared_data, index)
@@ -204,6 +205,7 @@ def test_golden_errors_are_ours(shared_data, index):
             assert_statistics(metrics, f'rpe_{delta}_dist_{{}}_m', case[f'rpe_{delta}_point'])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('index', range(20))
 def test_golden_pairs_are_ours(evo, shared_data, index):
     _, (estimate, truth) = golden(shared_data, index)

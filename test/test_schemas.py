@@ -159,6 +159,7 @@ def test_a_result_a_suite_a_baseline_and_manifests(tmp_path):
         assert problems(schema, json.loads((tmp_path / f'{file}.json').read_text())) == []
 
 
+@pytest.mark.slow
 def test_a_diagnosis(tmp_path):
     faults = ('--fault', 'time_offset=0.1', '--fault', 'scale=1.2', '--fault', 'jump=1')
     assert call('simulate', tmp_path / 'run.mcap', *faults).returncode == 0

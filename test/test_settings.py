@@ -43,6 +43,7 @@ def test_a_number_with_an_exponent_needs_no_point(tmp_path, text, value):
     assert parse_yaml(f'a: {text}', tmp_path) == {'a': value}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('text', 'problem'),
     [

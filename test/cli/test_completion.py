@@ -44,6 +44,7 @@ def test_the_first_word_is_a_verb(tmp_path):
     assert completed('vio_eval re', tmp_path) == ['replay']
 
 
+@pytest.mark.slow
 def test_the_verb_completes_its_own_options(tmp_path):
     assert completed('vio_eval replay --gate', tmp_path) == ['--gate', '--gates']
     assert '--fault' in completed('vio_eval simulate run.mcap --', tmp_path)
@@ -57,6 +58,7 @@ def test_words_of_an_interpreter_before_the_command_do_not_count(tmp_path):
     assert completed(f'{line}replay --ser', tmp_path, words_before=2) == ['--series']
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('before', ['replay ', 'replay --estimate ', 'inspect ', 'score --set a '])
 def test_paths_are_completed(tmp_path, before):
     (tmp_path / 'run.mcap').touch()
@@ -64,6 +66,7 @@ def test_paths_are_completed(tmp_path, before):
     assert completed(f'vio_eval {before}run', tmp_path) == ['run.mcap', 'rundown/']
 
 
+@pytest.mark.slow
 def test_choices_are_completed(tmp_path):
     assert completed('vio_eval replay --alignment s', tmp_path) == ['scale', 'se3', 'sim3']
     assert completed('vio_eval replay --report j', tmp_path) == ['json:', 'junit:']

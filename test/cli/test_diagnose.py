@@ -179,6 +179,7 @@ def test_orientations_that_were_never_filled_in_are_pointed_out(flight, tmp_path
     assert {'sensor_rotation', 'quaternion_order'} <= set(found['cannot_tell'])
 
 
+@pytest.mark.slow
 def test_no_statement_is_advised_that_says_how_the_file_was_read(flight, tmp_path):
     poses = simulate(duration_s=40.0).estimate
     (tmp_path / 'moved.txt').write_text(
@@ -212,6 +213,7 @@ def test_json_is_the_document_and_nothing_else(flight):
     assert found['findings']['errors']['ATE [m]']['after'] < cause['ate_before_m']
 
 
+@pytest.mark.slow
 def test_a_named_cause_fails_and_others_do_not(flight):
     assert diagnose(*pair(flight, 'late'), '--fail-on', 'scale,time_offset').returncode == 1
     assert diagnose(*pair(flight, 'late'), '--fail-on', 'scale').returncode == 0
@@ -226,6 +228,7 @@ def test_a_gyroscope_is_held_against_the_estimate(flight):
     assert found['turn_deg'] < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['run.bag', 'run.mcap', 'run'])
 def test_the_gyroscope_of_a_recording_gives_offset_turn_and_bias(tmp_path, name):
     # the IMU is turned in the body, and its stamps are 25 ms early
@@ -251,6 +254,7 @@ def test_the_gyroscope_of_a_recording_gives_offset_turn_and_bias(tmp_path, name)
     assert 'gyroscope     the stamps of the estimate are 2' in text
 
 
+@pytest.mark.slow
 def test_a_headline_does_not_contradict_the_gyroscope(flight, tmp_path):
     lines = (flight / 'imu.csv').read_text().splitlines()
     rows = np.array([line.split(',')[1:4] for line in lines[1:]], float)

@@ -299,6 +299,7 @@ def test_each_limit_and_name_can_be_expected(clean, tmp_path):
     assert passed == {'findings', 'max_drift_ppm'}  # there is no drift for certain
 
 
+@pytest.mark.slow
 def test_clips_hold_the_messages_around_each_finding(harmed, tmp_path):
     clips = tmp_path / 'clips'
     done = inspect(harmed, '--clip', clips, '--clip-s', '0.5')

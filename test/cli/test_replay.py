@@ -95,6 +95,7 @@ def test_nav2_odometry_is_its_transform_and_drifts_against_the_map(shared_data):
     assert 'left out 28 of 2639 poses' in drift['warnings'][0]
 
 
+@pytest.mark.slow
 def test_a_path_is_scored_as_last_revised_and_as_first_published(revising_recording, tmp_path):
     whole = result(revising_recording, '--series', f'csv:{tmp_path}/series.csv')['metrics']
     first, last = (

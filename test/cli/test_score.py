@@ -180,6 +180,7 @@ def test_a_track_that_was_lost_fails_though_its_error_is_smaller(tmp_path, share
     assert failed == {'coverage_ratio', 'success_rate'}
 
 
+@pytest.mark.slow
 def test_one_published_run_that_is_worse_than_another_fails_by_the_baseline(tmp_path, shared_data):
     estimates = f'{shared_data}/est_plsl_slam/euroc/V1-02'
     truth = f'{shared_data}/gt_euroc/open_vins_tum/V1_02_medium.txt'
@@ -213,6 +214,7 @@ def test_the_suite_of_euroc_scores_a_published_run(tmp_path, shared_data):
     assert sequence['band']['verdict'] == 'plausible'
 
 
+@pytest.mark.slow
 def test_noise_passes_and_what_got_worse_fails_by_the_baseline(flights, baseline):
     (equal,) = result(flights / 'equal.yaml', '--baseline', baseline)['sequences']
     assert equal['baseline'][ATE]['relative_difference'] == pytest.approx(0.1, abs=0.02)
@@ -242,6 +244,7 @@ def test_a_baseline_of_other_options_is_refused_before_anything_is_scored(flight
     assert 'note: accepted difference: a: alignment was se3, now sim3' in done.stdout
 
 
+@pytest.mark.slow
 def test_a_baseline_of_another_ground_truth_is_refused(flights, baseline, tmp_path):
     (tmp_path / 'gt.tum').write_text('# corrected\n' + (flights / 'gt.tum').read_text())
     other = (
@@ -294,6 +297,7 @@ def test_a_baseline_of_nothing_is_recorded_with_a_complaint(flights, tmp_path):
     ]
 
 
+@pytest.mark.slow
 def test_every_report_is_written_and_twice_the_same(flights, baseline, tmp_path):
     kinds = list(SUITE_REPORTS)
     for k, jobs in enumerate((1, 2, 2)):
@@ -335,6 +339,7 @@ def test_a_baseline_that_cannot_be_written_loses_nothing_else(flights, tmp_path)
     assert json.loads(done.stdout)['verdict'] == 'pass'
 
 
+@pytest.mark.slow
 def test_on_a_full_disk_the_reports_of_before_stay_whole(flights, tmp_path):
     for name in ('out.json', 'baseline.json'):
         (tmp_path / name).write_text('of before')

@@ -57,6 +57,7 @@ def test_every_format_gives_replay_the_same_run(tmp_path):
     assert found == pytest.approx(dict.fromkeys(found, found['mcap']), abs=1e-9)
 
 
+@pytest.mark.slow
 def test_diagnose_names_what_was_put_in(tmp_path):
     out = tmp_path / 'run.mcap'
     printed = simulated(out, '--fault', 'time_offset=0.08', '--fault', 'lever_arm=0.3')
@@ -65,6 +66,7 @@ def test_diagnose_names_what_was_put_in(tmp_path):
     assert {cause['name'] for cause in causes} == {'time_offset', 'lever_arm'}
 
 
+@pytest.mark.slow
 def test_the_same_command_writes_the_same_bytes_and_another_seed_others(tmp_path):
     def bytes_of(name: str, *more: object) -> bytes:
         out = tmp_path / name / 'run.mcap'  # which has its own name in it
@@ -111,6 +113,7 @@ def test_an_estimate_without_drift_is_the_truth(tmp_path):
     assert metrics['sim3_scale'] == pytest.approx(1 / 0.8, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_imu_noise_finds_the_densities_of_a_record_at_rest(tmp_path):
     pytest.importorskip('allantools')
     out = tmp_path / 'rest.mcap'

@@ -177,6 +177,7 @@ def test_running_values_without_orientations_are_those_of_the_summary(flight, es
     assert math.isnan(running['ate_rot_rmse_deg'])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('alignment', ALIGNMENTS)
 def test_running_values_get_over_an_estimate_that_stands_still_at_first(flight, alignment):
     # as a monocular system does until it has initialised, and then at a scale of its own

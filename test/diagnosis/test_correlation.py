@@ -41,6 +41,7 @@ def test_a_constant_has_no_peak():
     assert np.isnan(correlate(np.ones(100), np.ones(100), 0.01).height)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('offset_s', [-3.2, -0.0123, 0.0, 0.0071, 12.5])
 def test_signals_with_gain_and_bias_and_rates_of_their_own_are_aligned(offset_s):
     first_s, second_s = np.arange(0, 60, 0.005), np.arange(0.3, 58, 0.033)
@@ -104,6 +105,7 @@ def test_intervals_hold_whichever_side_is_noisy_and_no_peak_is_better(
     assert found.uncertainty_s < 6 * np.std(errors) + 1e-3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('noise', [0.0, 0.5])
 @pytest.mark.parametrize('gain', [-2.0, 0.5])
 def test_signals_of_opposite_sign_are_aligned_and_named(gain, noise):
@@ -118,6 +120,7 @@ def test_signals_of_opposite_sign_are_aligned_and_named(gain, noise):
     assert not found.ambiguous
 
 
+@pytest.mark.slow
 def test_a_lag_that_another_explains_as_well_is_called_ambiguous():
     seconds = np.arange(0, 60, 0.01)
     noise = np.random.default_rng(3).normal(0, 0.1, (2, len(seconds)))

@@ -106,6 +106,7 @@ def test_clocks_that_started_apart_are_brought_together():
     assert found.causes[0].ate_after_m < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('agreed', 'late_s', 'expected'),
     [
@@ -125,6 +126,7 @@ def test_a_clock_that_drifts_is_told_from_one_that_is_off(agreed, late_s, expect
     assert np.abs(apart_ns).max() < 3e6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('factor', [0.2, 0.9, 1.1, 5.0])
 def test_a_scale_is_recovered_to_a_thousandth(factor):
     found = diagnosis_of(replace(ESTIMATE, positions=factor * ESTIMATE.positions))
@@ -139,6 +141,7 @@ def test_no_scale_is_named_where_the_alignment_takes_it_out():
     assert names(found) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('degrees', [3.0, 90.0, 179.0])
 def test_a_turned_sensor_is_turned_back(degrees):
     turn = about([1, -2, 0.5], degrees)
@@ -151,6 +154,7 @@ def test_a_turned_sensor_is_turned_back(degrees):
     assert len(found.causes[0].flags) == 8
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(4))
 def test_noise_of_the_true_orientations_passes_for_no_offset(seed):
     rng = np.random.default_rng(seed)
@@ -173,6 +177,7 @@ def on_a_floor(poses: Trajectory, noise: float, rng: np.random.Generator) -> Tra
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('seed', range(4))
 def test_turns_about_one_axis_tell_neither_sensor_nor_conventions(seed):
     rng, run = np.random.default_rng(seed), simulate(duration_s=30.0, seed=seed)
@@ -296,6 +301,7 @@ def test_who_flies_fifty_metres_away_does_not_hide_in_the_fit():
     assert found.causes[0].value == pytest.approx(0.2, abs=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('share', [0.1, 0.3, 0.5])
 def test_poses_that_are_dropped_all_over_the_run_are_lost(share):
     kept = np.random.default_rng(0).random(len(ESTIMATE)) > share
@@ -593,6 +599,7 @@ def test_a_handful_of_poses_is_refused():
         diagnosis_of(ESTIMATE[:5])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('rate_hz', [10, 20, 50, 200])
 def test_an_offset_is_as_exact_against_a_slow_truth(rate_hz):
     every_kth = TRUTH[:: 200 // rate_hz]
@@ -675,6 +682,7 @@ def test_what_the_ground_truth_does_is_not_blamed_on_the_estimate():
         assert 'markers' in cause.advice
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('row', [0, 1, -2, -1])
 def test_one_orientation_at_an_end_of_the_run_is_neither_tilt_nor_jump(row):
     rotations = ESTIMATE.rotations.copy()

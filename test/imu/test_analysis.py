@@ -35,6 +35,7 @@ def still():
     return analysed(rest())
 
 
+@pytest.mark.slow
 def test_a_record_at_rest_gives_its_noise_without_a_warning(still):
     assert still.warnings == ()
     for name, axis in still.axes.items():
@@ -56,6 +57,7 @@ def test_degrees_and_g_are_told_by_magnitude_and_said(still):
         assert found.walk.value == pytest.approx(expected.walk.value, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_stated_units_are_not_questioned():
     stated = analysed(rest(), {'gyro': 'deg/s', 'accel': 'm/s2'})
     assert stated.units['gyro'] == ('deg/s', 'stated')
@@ -175,6 +177,7 @@ def test_a_resolution_that_spoils_the_density_is_reported(step):
     assert f'gyro_x: its resolution, {step:g} rad/s, is coarser' in warning
 
 
+@pytest.mark.slow
 def test_a_resolution_that_shows_the_noise_is_no_trouble():
     samples = rest()
     samples[:, 0] = 1e-3 * np.round(samples[:, 0] / 1e-3)
@@ -327,6 +330,7 @@ def test_the_plot_is_a_png_that_shows_something(still):
         assert len(set(picture.convert('RGB').resize((60, 30)).tobytes())) > 20
 
 
+@pytest.mark.slow
 def test_a_short_record_still_has_every_document():
     short = analysed(rest(0.0001))
     assert all(math.isnan(axis.fit.density.value) for axis in short.axes.values())

@@ -105,6 +105,7 @@ def test_a_profile_that_does_not_exist_is_refused(rest):
         analyse('test', record.finish(), profile='submarine')
 
 
+@pytest.mark.slow
 def test_the_result_states_its_limits(rest):
     found = analysed(rest, scatter_ratio=5.0).to_dict()
     assert found['profile'] == 'drone'

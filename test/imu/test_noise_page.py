@@ -20,6 +20,7 @@ def analysis():
     return analyse(HOSTILE, record.finish())
 
 
+@pytest.mark.slow
 def test_both_sensors_are_drawn_with_three_axes_their_intervals_and_fits(parsed, analysis):
     figures = parsed(html_document(analysis)).figures
     assert len(figures) == 2
@@ -39,6 +40,7 @@ def test_it_has_the_parameters_and_why_one_is_not_known(parsed, analysis):
     assert f'{first:.3g} to {last:.4g}' in text
 
 
+@pytest.mark.slow
 def test_it_says_when_the_sensor_moved(parsed):
     pytest.importorskip('allantools')
     samples = simulate_noise(60_000, 50.0, EUROC, np.random.default_rng(2))

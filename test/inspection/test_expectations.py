@@ -78,6 +78,7 @@ def test_a_clean_rig_meets_every_expectation(tmp_path, rig):
     assert ('stereo', 'max_skew_s') in found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('key', 'value', 'message'),
     [

@@ -374,6 +374,7 @@ def test_a_recording_that_was_converted_haltingly_is_not_late(rig, pace):
     assert 'late_arrival' not in {one.name for one in inspect(list(halts.values())).findings}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('step_s', [-2, 2])
 @pytest.mark.parametrize('duration_s', [8, 30])
 @pytest.mark.parametrize('of', ['stamps_ns', 'logged_ns'])
@@ -1033,6 +1034,7 @@ TYPES = {
 TIMES = st.integers(0, 2**62) | st.integers(0, 50).map(lambda k: k * 10**8)
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.lists(st.tuples(TIMES, TIMES), min_size=1, max_size=60), st.integers(0, 2**32 - 1))
 def test_no_stamps_and_no_numbers_are_too_strange(times, seed):

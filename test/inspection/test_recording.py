@@ -11,6 +11,7 @@ from vio_eval_ros.inspection.recording import inspect_recording
 FLIGHT = Path(__file__).resolve().parents[2] / 'demo' / 'simulated_flight'
 
 
+@pytest.mark.slow
 def test_a_recording_is_inspected_by_the_limits_of_its_platform():
     report = inspect_recording(FLIGHT, profile='car')
     assert (report.source, report.profile) == (str(FLIGHT), 'car')

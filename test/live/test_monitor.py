@@ -77,6 +77,7 @@ def test_a_diagnosis_that_fails_is_told_and_nothing_stops(monkeypatch):
     assert monitor.problem == 'ZeroDivisionError: oh'
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(('busy_s', 'begun'), [(0.0, [100, 110, 121]), (0.4, [100, 121])])
 def test_the_next_diagnosis_waits_longer_the_more_work_it_is(monkeypatch, busy_s, begun):
     now_s, worked_s = [0.0], [0.0]

@@ -25,6 +25,7 @@ def test_no_asset_can_end_the_element_that_it_is_in():
         assert '</' not in files('vio_eval_ros.rendering').joinpath(name).read_text('utf-8')
 
 
+@pytest.mark.slow
 def test_assets_are_installed(tmp_path):
     command = [sys.executable, 'setup.py', '-q', 'build', '--build-base', str(tmp_path / 'build')]
     command += ['--build-lib', str(tmp_path / 'lib')]

@@ -194,6 +194,7 @@ def test_every_report_is_the_same_in_another_process(tmp_path):
         assert one == other, kind
 
 
+@pytest.mark.slow
 def test_the_figures_are_such_as_plotly_knows(report, parsed):
     figures = parsed(report).figures
     kinds = [figure['data'][0]['type'] for figure in figures]

@@ -54,6 +54,7 @@ def test_a_truncated_baseline_is_damaged_wherever_it_ends(baseline, tmp_path):
         assert 'is not a baseline, or is damaged' in _damaged(whole[:end], tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('old', 'new', 'problem'),
     [
@@ -100,6 +101,7 @@ OTHERS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('condition', OTHERS)
 def test_another_condition_is_an_error_that_says_which(baseline, condition):
     now, problem = OTHERS[condition]
@@ -140,6 +142,7 @@ def test_where_nothing_was_scored_the_ground_truth_is_not_known_to_differ(baseli
     assert baseline.check({'V1_02': BaselineSequence(OPTIONS)}) == []
 
 
+@pytest.mark.slow
 def test_another_definition_of_a_metric_is_an_error_that_says_of_which(baseline):
     meant = definition_sha256()
     problem = 'ate_trans_rmse_m, sim3_scale had another definition'

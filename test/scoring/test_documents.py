@@ -120,12 +120,14 @@ def keys(value: Any, name: str = '') -> Iterator[str]:
             yield from keys(part)
 
 
+@pytest.mark.slow
 def test_json_keeps_its_schema(result, hostile, validator):
     for one in (result, hostile):
         content = json.loads(SUITE_REPORTS['json'](one))
         assert [error.message for error in validator.iter_errors(content)] == []
 
 
+@pytest.mark.slow
 def test_the_schema_describes_all_that_json_has(result):
     content = json.loads(SUITE_REPORTS['json'](result))
     known = {name for schema in SCHEMAS.values() for name in described(schema)}
@@ -160,6 +162,7 @@ def test_the_result_of_replay_keeps_its_schema(lab):
     assert not Draft202012Validator(SCHEMAS['result-1.json']).is_valid(content)
 
 
+@pytest.mark.slow
 def test_json_has_the_verdicts_and_their_reasons(result):
     content = json.loads(SUITE_REPORTS['json'](result))
     good, worse, new = content['sequences']
@@ -179,6 +182,7 @@ def test_json_has_the_verdicts_and_their_reasons(result):
     ]
 
 
+@pytest.mark.slow
 def test_junit_keeps_the_schema_of_jenkins(result, hostile, warned):
     for one in (result, hostile, warned):
         JUNIT.validate(SUITE_REPORTS['junit'](one))
@@ -202,6 +206,7 @@ def test_the_schema_of_jenkins_would_notice(result, old, new):
     assert not JUNIT.is_valid(text.replace(old, new))
 
 
+@pytest.mark.slow
 def test_junit_has_a_case_for_each_gate_and_comparison(result):
     root = ElementTree.fromstring(SUITE_REPORTS['junit'](result))
     cases = {
@@ -233,12 +238,14 @@ def test_junit_has_a_case_for_each_gate_and_comparison(result):
     assert (root.get('tests'), root.get('failures'), root.get('errors')) == ('15', '5', '0')
 
 
+@pytest.mark.slow
 def test_names_of_junit_cases_are_unique(result):
     root = ElementTree.fromstring(SUITE_REPORTS['junit'](result))
     names = [(case.get('classname'), case.get('name')) for case in root.iter('testcase')]
     assert len(set(names)) == len(names)
 
 
+@pytest.mark.slow
 def test_markdown_has_a_row_for_each_sequence_worst_first(result):
     head, *body = rows(result)
     assert head == list(COLUMNS)
@@ -267,6 +274,7 @@ def test_markdown_of_hostile_names_is_text(hostile):
     assert rows(hostile)[1][0].startswith('a<script>alert(1)</script>|`b`*c*&"')
 
 
+@pytest.mark.slow
 def test_the_terminal_has_the_table_and_the_reasons(result, hostile):
     lines = suite_text(result).splitlines()
     assert lines[0].split()[:3] == ['sequence', 'runs', 'ATE']
@@ -283,6 +291,7 @@ def test_the_terminal_has_the_table_and_the_reasons(result, hostile):
     assert len(suite_text(hostile).splitlines()) == 3 + 1 + 3 + 2 + 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['text', 'markdown', 'junit', 'html'])
 def test_what_runs_warn_of_is_told_once_with_how_many_do(warned, name):
     text = (SUITE_REPORTS | {'text': suite_text})[name](warned)
@@ -305,6 +314,7 @@ def test_of_many_warnings_not_all_are_told(lab):
     assert 'a: warning: and 2 more warnings; the JSON report has all of them' in text
 
 
+@pytest.mark.slow
 def test_runs_that_are_not_in_a_figure_are_not_counted_beside_it(lab):
     lab.runs('a', 0.1, 0.1)
     (lab.folder / 'a/2.tum').write_text('')
@@ -348,6 +358,7 @@ def test_a_warning_is_not_told_where_the_gate_beside_it_failed(lab):
     assert 'warn' not in suite_text(result)
 
 
+@pytest.mark.slow
 def test_csv_has_every_number_of_every_run(result, hostile):
     table = list(csv.DictReader(io.StringIO(SUITE_REPORTS['csv'](result))))
     first = {row['metric']: row['value'] for row in table if row['estimate'] == 'good/0.tum'}
@@ -361,6 +372,7 @@ def test_csv_has_every_number_of_every_run(result, hostile):
     assert [row['metric'] for row in table] == ['error', 'error']
 
 
+@pytest.mark.slow
 def test_latex_has_a_row_for_each_sequence_and_no_command_from_a_name(result, hostile):
     lines = SUITE_REPORTS['latex'](result).splitlines()
     body = lines[lines.index(r'\midrule') + 1 : lines.index(r'\bottomrule')]

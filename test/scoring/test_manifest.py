@@ -366,6 +366,7 @@ def test_gates_comparisons_and_verdicts_of_a_suite_are_in_its_manifest(judged):
     assert comparison['found']['difference'] == 0
 
 
+@pytest.mark.slow
 def test_a_suite_is_judged_again_without_its_file(folder, judged):
     (folder / 'suite.yaml').unlink()
     found = verify(folder / 'manifest.json')

@@ -257,6 +257,7 @@ def test_the_progress_knows_how_many_runs_there_are(lab):
     assert sorted(seen) == [(0, 3), (1, 3), (2, 3)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('off_m', 'word'),
     [(0.05, 'good'), (0.1, 'good'), (0.15, 'plausible'), (0.25, 'suspicious'), (0.35, 'failed')],
@@ -316,6 +317,7 @@ def before(lab) -> Baseline:
     return baseline_of(lab.score('a'))
 
 
+@pytest.mark.slow
 def test_a_noisy_candidate_that_is_equal_passes(lab, before):
     lab.runs('a', 0.12, 0.08, 0.115, 0.13, 0.09)
     (one,) = compare_suite(lab.score('a'), before).sequences
@@ -379,6 +381,7 @@ def test_a_mean_that_says_the_opposite_of_the_median_is_told(lab):
     assert note.startswith(f'a: the median of {ATE} is worse than allowed, but its trimmed mean')
 
 
+@pytest.mark.slow
 def test_missing_and_new_sequences_are_told(lab, before):
     lab.runs('b', 0.1)
     result = compare_suite(lab.score('b'), before)
@@ -394,6 +397,7 @@ def test_a_metric_that_the_baseline_lacks_is_told(lab, before):
     assert result.notes == (f'a: no {ATE} in the baseline',)
 
 
+@pytest.mark.slow
 def test_too_few_runs_to_tell_are_told(lab, before):
     lab.runs('b', 0.1)
     few = baseline_of(lab.score('b'))
@@ -401,6 +405,7 @@ def test_too_few_runs_to_tell_are_told(lab, before):
     assert notes[0].startswith('b: 1 and 1 runs are too few for a test of significance')
 
 
+@pytest.mark.slow
 def test_another_ground_truth_is_another_condition(lab, before):
     with (lab.folder / 'gt.tum').open('a') as file:
         file.write('# corrected\n')
@@ -410,6 +415,7 @@ def test_another_ground_truth_is_another_condition(lab, before):
     assert result.notes == ('accepted difference: a: the ground truth has changed',)
 
 
+@pytest.mark.slow
 def test_a_truth_that_is_read_otherwise_is_another_condition(lab, before):
     suite = lab.suite('a')
     suite.write_text(suite.read_text().replace('gt.tum', '"gt.tum?invert=rotation"'))

@@ -88,6 +88,7 @@ def marks(figure: dict, kind: str) -> list[tuple[float, float]]:
     return list(zip(trace['y'], trace['x'], strict=True))
 
 
+@pytest.mark.slow
 def test_the_worst_comes_first_and_all_that_is_wrong_is_told(result, report, parsed):
     page = parsed(report)
     assert page.of('h1')[0][1] == '4 of 5 sequences failed'

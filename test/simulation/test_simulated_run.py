@@ -84,6 +84,7 @@ def test_the_same_seed_gives_the_same_run(run):
     np.testing.assert_array_equal(again.estimate.rotations, run.estimate.rotations)
 
 
+@pytest.mark.slow
 def test_another_seed_gives_another_flight_and_another_drift(run):
     other = simulate(seed=8)
     assert np.abs(other.ground_truth.positions - run.ground_truth.positions).max() > 0.1
