@@ -357,6 +357,7 @@ def faulty(tmp_path_factory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_a_diagnosis_is_that_of_the_command_line(faulty):
     found = vio.diagnose(recording=faulty, imu='/imu0')
     assert repr(found) == '<Diagnosis: time_offset, scale>'
@@ -367,6 +368,7 @@ def test_a_diagnosis_is_that_of_the_command_line(faulty):
     assert vio.diagnose(recording=faulty, profile='car').to_dict()['profile'] == 'car'
 
 
+@pytest.mark.slow
 def test_an_inspection_is_that_of_the_command_line(faulty):
     found = vio.inspect(faulty)
     assert repr(found).startswith(f'<Inspection {faulty}: 3 streams, ')
@@ -379,6 +381,7 @@ def test_an_inspection_is_that_of_the_command_line(faulty):
     assert words['/imu0', 'rate_hz'] == 'fail'
 
 
+@pytest.mark.slow
 def test_the_noise_of_an_imu_is_that_of_the_command_line(tmp_path):
     path = tmp_path / 'still.mcap'
     assert call('simulate', path, '--still', '--duration-s', '600').returncode == 0
@@ -392,6 +395,7 @@ def test_the_noise_of_an_imu_is_that_of_the_command_line(tmp_path):
     assert 'white noise density' in found._repr_html_()
 
 
+@pytest.mark.slow
 def test_limits_are_those_of_the_verb(faulty):
     with pytest.raises(vio.ConfigError, match="unknown option 'scale_percnt'; did you mean"):
         vio.diagnose(recording=faulty, limits={'scale_percnt': 1})

@@ -100,6 +100,7 @@ def test_poses_of_the_markers_give_the_errors_of_the_imu():
         assert metrics[name] == pytest.approx(expected[name], rel=1e-6)
 
 
+@pytest.mark.slow
 def test_the_prism_of_the_leica_is_where_the_parameters_say(shared_data):
     # EuRoC's fused state, moved to the prism, is where the Leica saw it; its clock is late
     options = options_of(CONFIG / 'euroc_leica.yaml')

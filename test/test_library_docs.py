@@ -27,6 +27,7 @@ def examples(document: str) -> list[tuple[str, str]]:
     return re.findall(pattern, text, re.DOTALL)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('document', ['README.md', 'docs/library.md'])
 def test_the_examples_print_what_is_shown(document, monkeypatch):
     monkeypatch.chdir(ROOT)

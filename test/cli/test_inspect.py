@@ -203,6 +203,7 @@ def test_limits_and_profile_are_set_by_flags(harmed, tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_expectations_for_euroc_pass_and_fail(clean, harmed):
     found = document(clean, '--expect', EUROC)
     assert {one['word'] for one in found['expectations']} == {'pass'}
@@ -363,6 +364,7 @@ def test_topics_without_a_definition_are_left_out_and_said_to_be(tmp_path):
         assert [topic.name for topic in found.topics] == ['/imu0']
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['run.bag', 'folder'])
 def test_clips_of_other_recordings_are_of_ros_2(tmp_path, name):
     messages = [m for m in flight() if not (m[1] == '/imu0' and 5e9 < m[3] - FIRST_NS < 6e9)]

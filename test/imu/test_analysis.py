@@ -265,6 +265,7 @@ def test_a_stuck_axis_is_null_and_said():
     assert json.loads(json_document(found))['axes']['gyro_y']['curve']['deviation'][0] == 0
 
 
+@pytest.mark.slow
 def test_the_json_has_every_parameter_with_its_interval_and_null_for_what_is_not_known(still):
     document = json.loads(json_document(still))
     assert document['schema'] == 'vio_eval_ros.imu_noise/1'
@@ -340,6 +341,7 @@ def test_a_short_record_still_has_every_document():
     assert plot(short).startswith(b'\x89PNG')
 
 
+@pytest.mark.slow
 def test_a_value_that_never_changes_is_no_trouble_to_the_plot(recwarn):
     pytest.importorskip('matplotlib')
     assert plot(analysed(np.ones((1_000, 6)))).startswith(b'\x89PNG')

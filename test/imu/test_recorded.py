@@ -18,6 +18,7 @@ def recording(tmp_path_factory):
     return path
 
 
+@pytest.mark.slow
 def test_a_recording_is_analysed_by_its_name(recording):
     found = imu_noise(recording)
     assert found.source == f'{recording}:/imu0'
@@ -30,6 +31,7 @@ def test_a_recording_is_analysed_by_its_name(recording):
     assert document['axes']['gyro_x']['parameters']['bias_instability']['value'] is None
 
 
+@pytest.mark.slow
 def test_units_and_limits_are_those_stated(recording):
     strict = ImuNoiseLimits(gravity_error_m_s2=0.0)
     found = imu_noise(str(recording), '/imu0', gyro_unit='deg/s', limits=strict)

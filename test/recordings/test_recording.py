@@ -315,6 +315,7 @@ def test_every_kind_of_recording_gives_the_same_poses(recording, kind):
     assert_identical(transformed, reference)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('kind', KINDS)
 def test_every_kind_of_recording_lists_its_topics(recording, kind):
     with Recording(recording(kind)) as opened:
@@ -342,6 +343,7 @@ def test_every_kind_of_recording_names_its_kind_and_files(recording, kind):
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('name', ['', '_sqlite3', '_mcap'])
 def test_a_real_run_is_the_same_in_all_storages(shared_data, name):
     specs = ['/ground_truth/pose', '/vio/odometry', '/tf:odom.imu', '/tf:imu.odom']
@@ -379,6 +381,7 @@ def test_real_recordings_give_what_rosbags_and_the_converters_give(shared_data):
     assert compared >= 15
 
 
+@pytest.mark.slow
 def test_the_poses_are_those_that_evo_reads(shared_data):
     evo = pytest.importorskip('evo.tools.file_interface')
     derived = shared_data / 'derived_bags'
@@ -411,6 +414,7 @@ def single_edge(path, parent, child):
     return [(t.sec * 10**9 + t.nanosec, p.x, p.y, p.z, q.x, q.y, q.z, q.w) for t, p, q in rows]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ('name', 'parent', 'child', 'count'),
     [
@@ -430,6 +434,7 @@ def test_a_recorded_transform_is_returned_unchanged(shared_data, name, parent, c
     assert found == single_edge(shared_data / name, parent, child)
 
 
+@pytest.mark.slow
 def test_a_chain_through_a_real_tree_agrees_with_its_odometry(shared_data):
     """The robot publishes odom to base_link as a transform and as odometry."""
     path = shared_data / 'bags/evo/nav2_turtlebot.mcap'

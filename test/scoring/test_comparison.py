@@ -209,6 +209,7 @@ def test_the_interval_is_that_of_a_bootstrap():
         assert low <= end <= high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize('draw', ['normal', 'lognormal', 'standard_t'])
 def test_false_alarms_are_rare_and_what_got_worse_is_caught(draw):
     random = np.random.default_rng(6)

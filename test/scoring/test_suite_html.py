@@ -103,6 +103,7 @@ def test_the_worst_comes_first_and_all_that_is_wrong_is_told(result, report, par
         assert note in page.text
 
 
+@pytest.mark.slow
 def test_each_row_leads_to_the_sequence(report, parsed):
     page = parsed(report)
     targets = [attributes['href'] for attributes, _ in page.of('a')]

@@ -140,6 +140,7 @@ def test_rotations_are_unit_quaternions(run):
         np.testing.assert_allclose(np.linalg.norm(trajectory.rotations, axis=1), 1, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_the_estimate_starts_upright_at_its_own_origin(run):
     assert np.linalg.norm(run.estimate.positions[0]) < 0.02
     forward = rotation.rotate(run.estimate.rotations[0], np.array([1.0, 0, 0]))
@@ -181,6 +182,7 @@ def test_the_demo_is_as_accurate_as_a_good_stereo_vio(run):
     assert scale == pytest.approx(1.01, abs=0.003)
 
 
+@pytest.mark.slow
 def test_the_bundled_recording_is_the_simulated_run(run):
     recorded = read(BUNDLED)
     assert_same(recorded['/ground_truth/pose'], run.ground_truth)
