@@ -33,7 +33,6 @@ def test_selecting_and_joining_keep_the_columns_together():
     assert len(Trajectory.concatenate([Trajectory.empty(), Trajectory.empty()])) == 0
 
 
-@pytest.mark.slow
 @given(st.lists(st.integers(0, 5), max_size=12), st.sampled_from([0, 3, 100, 10**15]))
 def test_the_log_returns_all_pairs_in_order_whatever_the_batches(sizes, capacity):
     count = sum(sizes)
