@@ -35,7 +35,7 @@ CHANGES: dict[str, dict[str, tuple[float, str]]] = {
         'scale_percent': (5.0, f'at constant acceleration it is not observable ({WHEELS})'),
         'gravity_tilt_deg': (
             3.0,
-            f'on a flat floor roll and pitch are not observable ({WHEELS})',
+            f'without rotation roll and pitch are not observable ({WHEELS})',
         ),
     },
 }
@@ -58,7 +58,7 @@ class DiagnosisLimits(Limits):
         0.03,
         's',
         'offset between positions and orientations of one side',
-        'EuRoC ground truth has up to 0.024 s',
+        'published ground truth has up to 0.024 s',
     )
     sensor_rotation_deg: float = limit(
         1.0, 'deg', 'rotation between the tracked frame and the body', RUNS
