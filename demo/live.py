@@ -1,9 +1,9 @@
 """
 A live evaluation, ``live.py RECORDING REPORT``: plays a run through ROS 2 into the evaluator.
 
-There are three processes, as there would be on a robot: ``play`` stands for the robot and its
-estimator, ``evaluator`` scores what they publish, and this one watches ``/diagnostics``. In the
-end the score is compared with the one that ``replay`` gives without ROS.
+There are three processes, as on a robot: ``play`` stands for the robot and its estimator,
+``evaluator`` scores what they publish, and this one watches ``/diagnostics``. In the end the score
+is compared with that of ``replay``, which needs no ROS.
 """
 
 from collections.abc import Iterator
@@ -119,7 +119,7 @@ def verb(name: str, *arguments: object) -> list[str]:
 
 @contextmanager
 def running(name: str, *arguments: object) -> Iterator[subprocess.Popen]:
-    """Run a verb beside this program; end it as Ctrl-C does, where it has not ended by itself."""
+    """Run a verb beside this program; end it as Ctrl-C does, unless it has ended by itself."""
     process = subprocess.Popen(verb(name, *arguments), stderr=subprocess.PIPE, text=True)
     try:
         yield process
@@ -135,7 +135,8 @@ def running(name: str, *arguments: object) -> Iterator[subprocess.Popen]:
 
 
 if __name__ == '__main__':
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for number in (signal.SIGINT, signal.SIGTERM):  # also where a shell started it to ignore them
+        signal.signal(number, signal.default_int_handler)
     try:
         sys.exit(main(*sys.argv[1:]))
     except KeyboardInterrupt:

@@ -215,9 +215,9 @@ class Graph:
         """Return the names of all topics."""
         return {name for name, _ in self._node.get_topic_names_and_types()}
 
-    def call(self, service: str) -> Trigger.Response:
-        """Call a service of the evaluator and return its response."""
-        client = self._node.create_client(Trigger, f'/vio_evaluator/{service}')
+    def call(self, service: str, node: str = 'vio_evaluator') -> Trigger.Response:
+        """Call a service of a node and return its response."""
+        client = self._node.create_client(Trigger, f'/{node}/{service}')
         self.wait_until(client.service_is_ready, f'the service {service}')
         future = client.call_async(Trigger.Request())
         self.wait_until(future.done, f'an answer of {service}')

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-import importlib.util
-import os
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import closing
 from pathlib import Path
-import pickle
+import re
 import signal
 import subprocess
 import sys
+from threading import Event, Thread
+import time
+from types import SimpleNamespace
 from typing import NamedTuple
 
 import numpy as np
@@ -19,10 +20,20 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.typesys import get_typestore, Stores
 
+from verbs import complaint
 from vio_eval_ros.recordings.playback import Playback
 from vio_eval_ros.recordings.recording import Recording
 
 pytest.importorskip('rclpy', reason='needs ROS 2: pip install ".[ros]"')
+
+import rclpy
+from rclpy.context import Context
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.subscription import Subscription
+
+from vio_eval_ros.ros import player
+from vio_eval_ros.ros.player import message_class
+from vio_eval_ros.ros.private import take_serialized
 
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / 'demo' / 'simulated_flight'
@@ -31,12 +42,8 @@ POSES = ('/ground_truth/pose', '/vio/odometry')
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
 LIMIT_S = 60
-
-HAS_ROS = importlib.util.find_spec('rclpy') is not None
-needs_ros = pytest.mark.skipif(
-    not HAS_ROS and os.environ.get('VIO_EVAL_ROS_REQUIRE_DATA') != '1',
-    reason='rclpy is not installed',
-)
+MANY = 1_000_000
+SILENCE_S = 0.2  # after which nothing more comes
 
 
 class Arrival(NamedTuple):
@@ -54,13 +61,13 @@ def environment(ros_environment) -> dict[str, str]:
 
 
 @pytest.fixture
-def start(environment) -> Iterator[Callable[..., subprocess.Popen]]:
-    """Return a function that starts a process; it does not survive the test."""
+def play(environment) -> Iterator[Callable[..., subprocess.Popen]]:
+    """Return a function that starts `play`; it does not survive the test."""
     started = []
 
-    def begin(*command: object) -> subprocess.Popen:
+    def start(*arguments: object) -> subprocess.Popen:
         process = subprocess.Popen(
-            [sys.executable, *map(str, command)],
+            [sys.executable, '-m', 'vio_eval_ros', 'play', *map(str, arguments)],
             env=environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -69,44 +76,70 @@ def start(environment) -> Iterator[Callable[..., subprocess.Popen]]:
         started.append(process)
         return process
 
-    yield begin
+    yield start
     for process in started:
         if process.poll() is None:
             process.kill()
         process.communicate(timeout=LIMIT_S)
 
 
-@pytest.fixture
-def play(start):
-    """Return a function that starts `play`."""
-    return lambda *arguments: start('-m', 'vio_eval_ros', 'play', *arguments)
-
-
 class Listener(list[Arrival]):
-    """What has arrived, once the listening process has ended."""
+    """What arrives on topics and on ``/clock``, taken by a thread as soon as it is there."""
 
-    def __init__(self, process: subprocess.Popen) -> None:
-        self._process = process
+    def __init__(self, domain: int, topics: Iterable[str]) -> None:
+        self._context = Context()
+        rclpy.init(context=self._context, domain_id=domain)
+        self._node = rclpy.create_node(
+            'listener', context=self._context, start_parameter_services=False
+        )
+        self._subscriptions = [
+            self._subscribe(item) for item in ('/clock=rosgraph_msgs/msg/Clock', *topics)
+        ]
+        self._stop = Event()
+        self._thread = Thread(target=self._listen)
+        self._thread.start()
 
-    def wait_for_messages(self) -> None:
-        """Return when as many messages have arrived as were asked for."""
-        assert self._process.stdout.readline() == 'arrived\n'
+    def _subscribe(self, item: str) -> Subscription:
+        name, _, kind = item.partition('=')
+        msgtype, _, latched = kind.partition(',')
+        quality = QoSProfile(depth=20_000)
+        if latched:
+            quality.durability = DurabilityPolicy.TRANSIENT_LOCAL
+        return self._node.create_subscription(
+            message_class(msgtype), name, lambda message: None, quality, raw=True
+        )
+
+    def _listen(self) -> None:
+        heard_s = time.monotonic()
+        while not self._stop.is_set() or time.monotonic() - heard_s < SILENCE_S:
+            for subscription in self._subscriptions:
+                kind = subscription.msg_type
+                for cdr in take_serialized(subscription, kind, MANY):
+                    heard_s = time.monotonic()
+                    self.append(Arrival(subscription.topic_name, heard_s, cdr))
+            time.sleep(0.002)
+
+    def wait_for(self, count: int) -> None:
+        """Return when so many messages beside those of ``/clock`` have arrived."""
+        end_s = time.monotonic() + LIMIT_S
+        while sum(arrival.topic != '/clock' for arrival in list(self)) < count:
+            assert time.monotonic() < end_s, f'{len(self)} messages have arrived'
+            time.sleep(0.01)
+
+    def close(self) -> None:
+        """Listen until nothing more comes, and leave the graph."""
+        self._stop.set()
+        self._thread.join()
+        self._node.destroy_node()
+        rclpy.shutdown(context=self._context)
 
 
 @pytest.fixture
-def listening(start, tmp_path):
-    """Return a context manager; within it topics are listened to, behind it is what arrived."""
+def listening(ros, environment):
+    """Return a context manager, within which topics are listened to."""
 
-    @contextmanager
-    def listen(*topics: str, messages: int = 0) -> Iterator[Listener]:
-        file = tmp_path / 'arrivals.pickle'
-        process = start(Path(__file__).with_name('listen.py'), file, messages, *topics)
-        arrivals = Listener(process)
-        yield arrivals
-        process.terminate()
-        _, complaint = process.communicate(timeout=LIMIT_S)
-        assert process.returncode == 0, complaint
-        arrivals += [Arrival(*item) for item in pickle.loads(file.read_bytes())]
+    def listen(*topics: str) -> closing[Listener]:
+        return closing(Listener(int(environment['ROS_DOMAIN_ID']), topics))
 
     return listen
 
@@ -120,13 +153,6 @@ def ended(process: subprocess.Popen, status: int = 0) -> str:
     return said
 
 
-def complaint(process: subprocess.Popen) -> str:
-    said = ended(process, status=2)
-    assert said.startswith('play: ')
-    assert said.count('\n') == 1, said
-    return said
-
-
 def types_of(path: Path, names: tuple[str, ...] = POSES) -> list[str]:
     with Playback(path) as playback:
         return [f'{t.name}={t.msgtype}' for t in playback.topics if t.name in names]
@@ -134,6 +160,17 @@ def types_of(path: Path, names: tuple[str, ...] = POSES) -> list[str]:
 
 def bytes_of(arrivals: list[Arrival], topic: str) -> list[bytes]:
     return [arrival.cdr for arrival in arrivals if arrival.topic == topic]
+
+
+def took_s(arrivals: list[Arrival], topic: str) -> float:
+    """Return the time between the arrivals of the first and the last message of a topic."""
+    seconds = [arrival.at_s for arrival in arrivals if arrival.topic == topic]
+    return seconds[-1] - seconds[0]
+
+
+def delay_s(said: str) -> float:
+    """Return the largest delay that `play` reports, which a busy machine causes."""
+    return float(re.search(r'largest delay ([\d.]+) ms', said)[1]) / 1e3
 
 
 def clocks(arrivals: list[Arrival]) -> list[int]:
@@ -156,15 +193,14 @@ def recorded(path: Path, topic: str) -> list[bytes]:
         ]
 
 
-@needs_ros
 @pytest.mark.parametrize('name', ['demo', '.bag', '_sqlite3', '_mcap'])
 def test_every_message_arrives_with_its_bytes_in_order(request, play, listening, name):
     path = DEMO
     if name != 'demo':
         path = request.getfixturevalue('shared_data') / (V1_02 + name)
     with listening(*types_of(path)) as arrivals:
-        player = play(path, '--topics', *POSES, '--rate', 20, '--wait-for-subscribers')
-        said = ended(player)
+        process = play(path, '--topics', *POSES, '--rate', 20, '--wait-for-subscribers')
+        said = ended(process)
     expected = {topic: recorded(path, topic) for topic in POSES}
     assert len(expected['/vio/odometry']) > 800
     for topic in POSES:
@@ -177,7 +213,6 @@ def test_every_message_arrives_with_its_bytes_in_order(request, play, listening,
         assert times[-1] <= playback.last_ns
 
 
-@needs_ros
 def test_a_part_of_a_recording_is_played_under_other_names(play, listening):
     with listening('/estimate=nav_msgs/msg/Odometry') as arrivals:
         said = ended(
@@ -194,22 +229,19 @@ def test_a_part_of_a_recording_is_played_under_other_names(play, listening):
     assert len(expected) == 40 < len(poses)
     assert bytes_of(arrivals, '/estimate') == expected
     assert 'published 40 messages' in said
-    # told at least every 10 ms between messages that are 25 ms apart
-    assert len(clocks(arrivals)) > 80
-    seconds = [arrival.at_s for arrival in arrivals if arrival.topic == '/estimate']
-    assert seconds[-1] - seconds[0] == pytest.approx(39 * 0.05 / 2, abs=0.2)
+    assert len(clocks(arrivals)) > 40  # between messages as well
+    assert took_s(arrivals, '/estimate') == pytest.approx(39 * 0.05 / 2, abs=0.2 + delay_s(said))
 
 
-@needs_ros
 def test_a_loop_begins_again_and_sigterm_ends_it(play, listening):
-    with listening('/vio/odometry=nav_msgs/msg/Odometry', messages=25) as arrivals:
-        player = play(
+    with listening('/vio/odometry=nav_msgs/msg/Odometry') as arrivals:
+        process = play(
             DEMO, '--topics', '/vio/odometry', '--duration', 0.5, '--rate', 10, '--loop',
             '--wait-for-subscribers',
         )  # fmt: skip
-        arrivals.wait_for_messages()
-        player.send_signal(signal.SIGTERM)
-        said = ended(player)
+        arrivals.wait_for(25)
+        process.send_signal(signal.SIGTERM)
+        said = ended(process)
     assert 'published' in said
     messages = bytes_of(arrivals, '/vio/odometry')
     once = recorded(DEMO, '/vio/odometry')[:10]
@@ -218,22 +250,51 @@ def test_a_loop_begins_again_and_sigterm_ends_it(play, listening):
     assert (np.diff(clocks(arrivals)) < 0).any()
 
 
-@needs_ros
-def test_services_pause_step_and_resume(play, start, listening):
+def test_services_pause_step_and_resume(play, graph, listening):
     with listening('/vio/odometry=nav_msgs/msg/Odometry') as arrivals:
-        player = play(
+        process = play(
             DEMO, '--topics', '/vio/odometry', '--duration', 2, '--paused',
             '--wait-for-subscribers',
         )  # fmt: skip
-        calls = start(
-            Path(__file__).with_name('call.py'), 'step', 'step', 'pause', 'step', 'resume', 'step'
-        )
-        answers, complaint = calls.communicate(timeout=LIMIT_S)
-        assert calls.returncode == 0, complaint
-        ended(player)
-    answered = [line.split(' ')[0] for line in answers.splitlines()]
-    assert answered == ['True', 'True', 'True', 'True', 'True', 'False']
+        calls = ('step', 'step', 'pause', 'step', 'resume', 'step')
+        answers = [graph.call(service, 'player').success for service in calls]
+        ended(process)
+    assert answers == [True, True, True, True, True, False]
     assert bytes_of(arrivals, '/vio/odometry') == recorded(DEMO, '/vio/odometry')[:40]
+
+
+class FakeTime:
+    """A clock on which nothing takes time but sleeping."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+    def sleep(self, seconds: float) -> None:
+        self.now_s += max(seconds, 1e-6)
+
+
+@pytest.mark.parametrize('rate', [0.5, 1.0, 2.0])
+def test_messages_are_published_when_due_and_the_time_every_10_ms(
+    ros, environment, monkeypatch, rate
+):
+    clock = FakeTime()
+    monkeypatch.setattr(player, 'time', clock)
+    monkeypatch.setattr(player.signal, 'signal', lambda number, handler: None)
+    monkeypatch.setenv('ROS_DOMAIN_ID', environment['ROS_DOMAIN_ID'])
+    messages, ticks = [], []
+    with player.running([], rate, False, [], messages.append) as node:
+        node._outputs = {'/a': SimpleNamespace(publish=lambda _: messages.append(clock.now_s))}
+        node._time = SimpleNamespace(publish=lambda time: ticks.append((clock.now_s, time.clock)))
+        node.play([(k * 50_000_000, '/a', b'') for k in range(40)], 0, lambda seconds: None)
+        node._outputs = {}
+    assert messages == pytest.approx(100 + np.arange(40) * 0.05 / rate, abs=1e-4)
+    times_s, stamps = zip(*ticks, strict=True)
+    assert np.diff(times_s).max() <= 0.0101
+    stamps_s = [stamp.sec + stamp.nanosec / 1e9 for stamp in stamps]
+    assert stamps_s == pytest.approx((np.array(times_s) - 100) * rate, abs=0.011 * rate)
 
 
 @pytest.fixture
@@ -257,16 +318,14 @@ def latched_bag(tmp_path) -> Path:
     return path
 
 
-@needs_ros
-def test_what_was_latched_reaches_those_who_come_late(play, start, listening, latched_bag):
-    player = play(latched_bag, '--topics', '/map', '/log', '/time')
-    assert '/time: std_msgs/msg/Time is not installed; left out' in player.stderr.readline()
-    calls = start(Path(__file__).with_name('call.py'), 'pause')  # when /map has been published
-    assert calls.wait(timeout=LIMIT_S) == 0
-    with listening('/map=std_msgs/msg/String,latched', messages=1) as arrivals:
-        arrivals.wait_for_messages()
-        player.send_signal(signal.SIGINT)
-        ended(player)
+def test_what_was_latched_reaches_those_who_come_late(play, graph, listening, latched_bag):
+    process = play(latched_bag, '--topics', '/map', '/log', '/time')
+    assert '/time: std_msgs/msg/Time is not installed; left out' in process.stderr.readline()
+    assert graph.call('pause', 'player').success  # when /map has been published
+    with listening('/map=std_msgs/msg/String,latched') as arrivals:
+        arrivals.wait_for(1)
+        process.send_signal(signal.SIGINT)
+        ended(process)
     assert len(bytes_of(arrivals, '/map')) == 1
 
 
@@ -290,24 +349,21 @@ def stereo_bag(tmp_path) -> Path:
     return path
 
 
-@needs_ros
 def test_pairs_of_images_arrive_whole_and_in_time(play, listening, stereo_bag):
     with listening(*types_of(stereo_bag, ('/left', '/right'))) as arrivals:
-        ended(play(stereo_bag, '--wait-for-subscribers'))
+        said = ended(play(stereo_bag, '--wait-for-subscribers'))
     for topic in ('/left', '/right'):
         assert bytes_of(arrivals, topic) == recorded(stereo_bag, topic)
-        seconds = [arrival.at_s for arrival in arrivals if arrival.topic == topic]
         # in shared memory as small as Fast DDS has it, some come more than a second late
-        assert seconds[-1] - seconds[0] == pytest.approx(9 * 0.05, abs=0.4)
+        assert took_s(arrivals, topic) == pytest.approx(9 * 0.05, abs=0.4 + delay_s(said))
 
 
-@needs_ros
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_waiting_for_subscribers_ends_at_once_when_told(play, number):
-    player = play(DEMO, '--wait-for-subscribers')
-    assert 'waiting for subscribers' in player.stderr.readline()
-    player.send_signal(number)
-    ended(player)
+    process = play(DEMO, '--wait-for-subscribers')
+    assert 'waiting for subscribers' in process.stderr.readline()
+    process.send_signal(number)
+    ended(process)
 
 
 BAD = {
@@ -335,55 +391,50 @@ BAD = {
 
 
 @pytest.mark.parametrize('case', BAD)
-def test_what_cannot_be_done_is_said_in_one_line(play, case):
+def test_what_cannot_be_done_is_said_in_one_line(case):
     arguments, problem = BAD[case]
-    assert problem in complaint(play(*arguments))
+    assert problem in complaint('play', *arguments)
 
 
-@needs_ros
 def test_a_name_that_no_topic_may_have_is_said_in_one_line(play):
-    assert '--remap' in complaint(play(DEMO, '--remap', '/vio/odometry:=/not a name'))
+    said = ended(play(DEMO, '--remap', '/vio/odometry:=/not a name'), status=2)
+    assert said.startswith('play: ')
+    assert said.count('\n') == 1
+    assert '--remap' in said
 
 
-@needs_ros
 def test_a_recording_that_nobody_listens_to_is_told(play):
     said = ended(play(DEMO, '--rate', '100', '--topics', '/vio/odometry', '--duration', '5'))
     assert said.splitlines()[-1] == 'play: no subscribers of /vio/odometry'
 
 
-@needs_ros
 def test_it_plays_on_when_nobody_reads_what_it_says(play, listening):
-    with listening(*types_of(DEMO, ('/vio/odometry',)), messages=100) as arrivals:
-        player = play(
+    with listening(*types_of(DEMO, ('/vio/odometry',))) as arrivals:
+        process = play(
             DEMO, '--topics', '/vio/odometry', '--duration', '5', '--wait-for-subscribers'
         )
-        player.stderr.close()  # before it says for whom it waits
-        arrivals.wait_for_messages()
-        assert player.wait(LIMIT_S) == 0
+        process.stderr.close()  # before it says for whom it waits
+        arrivals.wait_for(100)
+        assert process.wait(LIMIT_S) == 0
     assert len(bytes_of(arrivals, '/vio/odometry')) == 100
 
 
-@needs_ros
 @pytest.mark.parametrize('verb', ['play', 'evaluator'])
 @pytest.mark.parametrize('domain', ['9999', 'mine'])
-def test_a_domain_that_there_is_not_is_one_line(start, environment, verb, domain):
-    environment['ROS_DOMAIN_ID'] = domain
-    said = ended(start('-m', 'vio_eval_ros', verb, *[DEMO][: verb == 'play']), status=2)
+def test_a_domain_that_there_is_not_is_one_line(monkeypatch, verb, domain):
+    monkeypatch.setenv('ROS_DOMAIN_ID', domain)
+    said = complaint(verb, *[DEMO][: verb == 'play'])
     assert said == f"{verb}: ROS_DOMAIN_ID: '{domain}' is not a number from 0 to 232\n"
 
 
-@needs_ros
 @pytest.mark.parametrize(
     'msgtype', ['String', '/msg/X', 'std_msgs/msg/_string', 'std_msgs/msg/__name__', 'a b/msg/C']
 )
 def test_what_is_no_name_of_a_message_is_none(msgtype):
-    from vio_eval_ros.ros.player import message_class
-
     assert message_class(msgtype) is None
     assert message_class('std_msgs/msg/String') is not None
 
 
-@needs_ros
 def test_nothing_to_play_is_said(play, latched_bag):
     said = ended(play(latched_bag, '--topics', '/time'), status=2)
     assert said.splitlines()[-1].startswith('play: nothing to play')

@@ -46,6 +46,7 @@ def test_a_signal_during_the_start_ends_it_in_order(process, tmp_path, moment):
     while not (catches_signals(pid) and MOMENTS[moment](pid)):
         assert node.process.poll() is None
         assert time.monotonic() < end_s
+        time.sleep(0.001)
     node.tell(signal.SIGTERM)
     node.tell(signal.SIGINT)
     assert node.ended() == ''
