@@ -112,7 +112,7 @@ def test_parameters_are_described(graph, evaluator):
     described = graph.parameters('describe_parameters', asked).descriptors
     alignment, gap, offset, window, report, pairs = described
     assert alignment.additional_constraints == 'one of none, origin, scale, posyaw, se3, sim3'
-    assert 'taken out before the absolute error' in alignment.description
+    assert 'removed before the absolute error' in alignment.description
     assert all(parameter.read_only for parameter in (alignment, gap, offset, pairs))
     assert not window.read_only
     assert not report.read_only
