@@ -95,7 +95,7 @@ def test_a_unit_can_be_stated(file):
             ['{recording}', '--topic', '/imu'],
             'no such topic; choose --topic /imu0 (90000 messages)',
         ),
-        (['{recording}', '--report', 'jpg:allan.jpg'], 'with FORMAT one of html, json, kalibr, png'),
+        (['{recording}', '--report', 'jpg:allan.jpg'], 'FORMAT one of html, json, kalibr, png'),
         (['{recording}', '--report', 'png:{recording}/none/allan.png'], 'there is no folder'),
         (['{file}', '--report', 'kalibr:{file}'], 'overwrite the input'),
         (['{recording}', '--gyro-unit', 'rpm'], 'invalid choice'),
