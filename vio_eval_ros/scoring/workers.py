@@ -73,7 +73,7 @@ class _Worker(Generic[Value]):
         self.pipe, end = context.Pipe()
         # BaseContext has no Process for mypy, though every context has one
         self.process = context.Process(  # type: ignore[attr-defined]
-            target=_serve, args=(function, end, os.getcwd())
+            target=_serve, args=(function, end, os.getcwd()), daemon=True
         )
         self.process.start()
         end.close()
