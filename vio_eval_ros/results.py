@@ -77,14 +77,14 @@ class Result(RunResult):
             raise ConfigError("a plot needs plotly: pip install 'vio_eval_ros[report]'") from None
         from vio_eval_ros.reports import plots
 
-        course = plots.Course.of(self)
+        drawn = plots.DrawnRun.of(self)
         if what == 'errors':
             rmse_m, rmse_deg = self.metrics['ate_trans_rmse_m'], self.metrics['ate_rot_rmse_deg']
-            figure = plots.errors_over_time(course, rmse_m, rmse_deg)
+            figure = plots.errors_over_time(drawn, rmse_m, rmse_deg)
             title = 'error of each pair; dashed: RMSE'
         else:
-            figure = (plots.path_3d if what == 'path_3d' else plots.path_from_above)(course)
-            title = f'position error 0 (blue) to {course.hottest:.3g} m (red); grey: ground truth'
+            figure = (plots.path_3d if what == 'path_3d' else plots.path_from_above)(drawn)
+            title = f'position error 0 (blue) to {drawn.hottest:.3g} m (red); grey: ground truth'
         return Figure(figure).update_layout(title=title, margin_t=50)
 
     def to_json(self) -> str:

@@ -29,7 +29,7 @@ from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.html import html_report
 from vio_eval_ros.reports.plots import (
-    Course,
+    DrawnRun,
     JUMP_OVER_P95,
     MIN_JUMP_M,
     MOST_POINTS,
@@ -204,22 +204,22 @@ def test_the_figures_are_such_as_plotly_knows(report, parsed):
 
 
 def test_gaps_and_jumps_are_where_they_were_made(result):
-    course = Course.of(result)
-    assert np.allclose(course.gaps, [(0, 3), (10, 14)], atol=0.06)
-    ((k, size),) = course.jumps
-    assert course.seconds[k] == pytest.approx(25, abs=0.06)
+    drawn = DrawnRun.of(result)
+    assert np.allclose(drawn.gaps, [(0, 3), (10, 14)], atol=0.06)
+    ((k, size),) = drawn.jumps
+    assert drawn.seconds[k] == pytest.approx(25, abs=0.06)
     assert size == pytest.approx(1, abs=0.05)
 
 
 def test_what_is_a_jump_is_told_and_documented(result, report, parsed):
-    course = Course.of(result)
-    assert f'(from one pair to the next off by more than {course.least_jump:.4g} m)' in (
+    drawn = DrawnRun.of(result)
+    assert f'(from one pair to the next off by more than {drawn.least_jump:.4g} m)' in (
         parsed(report).text
     )
     document = (Path(__file__).resolve().parents[2] / 'docs/scoring.md').read_text()
     assert f'{MIN_JUMP_M:g} m, and more than {JUMP_OVER_P95:g} times' in document
-    assert course.least_jump >= MIN_JUMP_M
-    assert np.quantile(course.steps, 0.95) * JUMP_OVER_P95 <= course.least_jump
+    assert drawn.least_jump >= MIN_JUMP_M
+    assert np.quantile(drawn.steps, 0.95) * JUMP_OVER_P95 <= drawn.least_jump
 
 
 @pytest.mark.parametrize('turned', [False, True])
@@ -248,7 +248,7 @@ def test_ground_truth_is_drawn_also_where_there_is_no_pair(turned, tmp_path, par
     for k, name in enumerate('xyz'):
         low, high = path['layout']['scene'][f'{name}axis']['range']
         assert low < result.truth.positions[:, k].min() < result.truth.positions[:, k].max() < high
-    assert 'dotted without pairs' in parsed(html_report(result)).text
+    assert 'dotted where it has no pairs' in parsed(html_report(result)).text
 
 
 def test_a_gap_of_the_ground_truth_itself_is_not_bridged(tmp_path, parsed):
@@ -264,8 +264,8 @@ def test_a_gap_of_the_ground_truth_itself_is_not_bridged(tmp_path, parsed):
 
 def test_a_lost_track_is_a_gap_until_the_ground_truth_ends():
     run = simulate(duration_s=20.0)
-    course = Course.of(result_of(run.estimate[:100], run.ground_truth))
-    ((begin, end),) = course.gaps
+    drawn = DrawnRun.of(result_of(run.estimate[:100], run.ground_truth))
+    ((begin, end),) = drawn.gaps
     assert begin == pytest.approx(5, abs=0.06)
     assert end == pytest.approx(20, abs=0.06)
 
@@ -346,13 +346,13 @@ def test_what_has_no_alignment_is_not_drawn_but_told(parsed):
     estimate = replace(run.estimate, rotations=None)
     result = result_of(estimate, run.ground_truth, alignment='origin')
     assert 'scatter3d' not in drawn(result, parsed)
-    assert 'nothing to draw' in html_report(result)
+    assert 'Nothing can be drawn' in html_report(result)
 
 
 def test_an_estimate_without_any_error_is_drawn(parsed):
     run = simulate(duration_s=20.0)
     result = result_of(run.ground_truth, run.ground_truth, alignment='none')
-    assert Course.of(result).jumps == []
+    assert DrawnRun.of(result).jumps == []
     assert drawn(result, parsed)[:3] == ['scatter3d', 'scatter', 'scatter']
 
 

@@ -1,4 +1,4 @@
-"""Reports of the figures: JSON for scripts, JUnit for build servers, Markdown for people."""
+"""Reports of the metrics: JSON for scripts, JUnit for build servers, Markdown for people."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def json_report(result: Result) -> str:
 
 
 def junit_report(result: Result) -> str:
-    """Return a JUnit test suite: a case for each gate, or one that says that it was scored."""
+    """Return a JUnit test suite: a case per gate, or a single one where there are no gates."""
     cases = [
         (
             str(verdict.gate),
@@ -44,8 +44,8 @@ def junit(
     """
     Return JUnit XML.
 
-    :param suites: name, metrics, cases and warnings of each; a case has a name and why it failed,
-        or None.
+    :param suites: name, metrics, cases and warnings of each; a case is a name and the reason
+        why it failed, or None.
     """
     from xml.etree import ElementTree
 
@@ -70,7 +70,7 @@ def junit(
         if warnings:
             output = '\n'.join(f'warning: {printable(warning)}' for warning in warnings)
             ElementTree.SubElement(suite, 'system-out').text = output
-    del totals['skipped']  # which the schema has for suites only
+    del totals['skipped']  # the schema has it for suites only
     for key, total in _texts(totals).items():
         root.set(key, total)
     ElementTree.indent(root)

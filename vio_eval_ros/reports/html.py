@@ -23,7 +23,7 @@ from vio_eval_ros.rendering.page import (
 )
 from vio_eval_ros.rendering.text import number, percent
 from vio_eval_ros.reports.plots import (
-    Course,
+    DrawnRun,
     errors_over_time,
     GAP,
     MOST_POINTS,
@@ -40,14 +40,14 @@ WORDS = {'pass': 'pass', 'warn': 'warning', 'fail': 'fail'}
 
 
 def html_report(result: Result) -> str:
-    """Return a page: the verdict, the headline figures, where and when it was wrong, and why."""
+    """Return a page: verdict, headline figures, errors in space and time, and statistics."""
     return page(
         f'{result.estimate.source}: evaluation',
         _head(result),
         tiles(_headlines(result)),
         warnings(result.summary.warnings),
         _gates(result.verdicts),
-        tag('section', course(result), class_='run'),
+        tag('section', run_plots(result), class_='run'),
         *_relative(result),
         tag('h2', 'Statistics'),
         _figures(result),
@@ -56,19 +56,18 @@ def html_report(result: Result) -> str:
     )
 
 
-def course(result: Result, most_points: int = MOST_POINTS) -> Html:
+def run_plots(result: Result, most_points: int = MOST_POINTS) -> Html:
     """Return the plots of a run in space and time."""
     metrics = result.summary.metrics
     if math.isnan(metrics['ate_trans_rmse_m']):
-        return tag(
-            'p', 'There is nothing to draw: the alignment is not determined.', class_='soft'
-        )
-    run = Course.of(result, most_points)
+        return tag('p', 'Nothing can be drawn: the alignment is not determined.', class_='soft')
+    run = DrawnRun.of(result, most_points)
     ramp = tag('span', class_='ramp', style=f'background:linear-gradient(90deg,{",".join(RAMP)})')
     in_space = joined(
         [
-            'Position error: 0 ', ramp, f' {number(run.hottest)} m and more (5 % of the pairs). ',
-            swatch(GREY), 'Ground truth', '.' if run.whole is None else ', dotted without pairs.',
+            'Position error: 0 ', ramp, f' {number(run.hottest)} m or more (5 % of the pairs). ',
+            swatch(GREY), 'Ground truth',
+            '.' if run.whole is None else ', dotted where it has no pairs.',
         ]
     )  # fmt: skip
     return joined(
@@ -93,8 +92,8 @@ def course(result: Result, most_points: int = MOST_POINTS) -> Html:
     )
 
 
-def _marks(run: Course) -> Iterator[object]:
-    """Yield what the marks in the errors over time mean, and how many there are."""
+def _marks(run: DrawnRun) -> Iterator[object]:
+    """Yield the legend of the errors over time, with the number of gaps and jumps."""
     yield 'Dashed: RMSE. '
     if run.gaps:
         lost = sum(end - begin for begin, end in run.gaps)
@@ -136,7 +135,7 @@ def _head(result: Result) -> Html:
 
 
 def _headlines(result: Result) -> Iterator[tuple[str, str, str]]:
-    """Yield the figures at the top."""
+    """Yield the headline figures."""
     metrics, found = result.summary.metrics, result.summary.association
     yield (
         'ATE position',
@@ -157,11 +156,11 @@ def _headlines(result: Result) -> Iterator[tuple[str, str, str]]:
         f'{number(metrics["path_length_m"])} m',
         f'{found["pairs"]:,} pairs',
     )
-    yield 'Scale', number(metrics['sim3_scale']), 'of the Sim(3) alignment; 1 is right'
+    yield 'Scale', number(metrics['sim3_scale']), 'of the Sim(3) alignment; ideally 1'
 
 
 def gate_rows(verdicts: Iterable[tuple[str, Verdict]]) -> Html:
-    """Return a table of gates, by the name that each is shown under."""
+    """Return a table of gates, each under the given name."""
     return table(
         ['gate', 'value', 'limit', 'share of the limit', 'verdict'],
         [
@@ -180,7 +179,7 @@ def gate_rows(verdicts: Iterable[tuple[str, Verdict]]) -> Html:
 
 
 def _used(verdict: Verdict) -> Html:
-    """Return a bar that is full where a value is at its limit."""
+    """Return a bar that is full when a value reaches its limit."""
     value, limit = verdict.value, verdict.gate.limit
     if verdict.gate.comparison == '>=':
         value, limit = limit, value
@@ -198,11 +197,11 @@ def _relative(result: Result) -> Iterator[Html]:
     """Yield the relative errors over each delta, and the drift over lengths of path."""
     errors = relative_samples(result)
     if errors:
-        yield tag('h2', 'How fast it drifts')
+        yield tag('h2', 'Drift')
         yield tag(
             'p',
-            'Relative errors (RPE) over each delta. Boxes hold half of them, whiskers nine '
-            'tenths; dashed: mean.',
+            'Relative errors (RPE) over each delta. Boxes: quartiles; whiskers: 5th to 95th '
+            'percentile; dashed: mean.',
             class_='soft',
         )
         yield _boxes(errors)
@@ -214,7 +213,7 @@ def _relative(result: Result) -> Iterator[Html]:
         yield tag(
             'p',
             'Drift over lengths of path'
-            + ('' if given else ', chosen to fit since no segment_lengths_m were given')
+            + ('' if given else ', chosen automatically since no segment_lengths_m were given')
             + '.',
             class_='soft',
         )
@@ -238,7 +237,7 @@ def _figures(result: Result) -> Html:
 
 
 def _counts(result: Result) -> Iterator[Html]:
-    """Yield what became of the poses: how many were paired, and why others were not."""
+    """Yield the number of poses that were paired, and why others were not."""
     found = result.summary.association
     yield tag('h2', 'Poses')
     yield table(['', 'estimate', 'ground truth'], _streams(result), numbers=(1, 2))
@@ -261,7 +260,7 @@ def _streams(result: Result) -> Iterator[list[object]]:
         'rate [Hz]',
         *('-' if one['rate_hz'] is None else number(one['rate_hz']) for one in facts),
     ]
-    yield ['without a partner', *('-' if math.isnan(n) else f'{n:,}' for n in unmatched)]
+    yield ['unmatched', *('-' if math.isnan(n) else f'{n:,}' for n in unmatched)]
     for reason in facts[0]['dropped']:
         counts = [one['dropped'][reason] for one in facts]
         if any(counts):
@@ -269,7 +268,7 @@ def _streams(result: Result) -> Iterator[list[object]]:
     for name in ('went_backwards', 'scaled_quaternion'):
         counts = [side.repaired[name] for side in sides]
         if any(counts):
-            yield [f'mended: {name.replace("_", " ")}', *(f'{n:,}' for n in counts)]
+            yield [f'repaired: {name.replace("_", " ")}', *(f'{n:,}' for n in counts)]
 
 
 def options(result: Result) -> Html:

@@ -31,8 +31,8 @@ def mcap_report(result: Result) -> bytes:
     """
     Return an MCAP file of both trajectories, the errors of each pair and the running values.
 
-    Topics have the names and types of the live node, where that has them too. Each message is
-    logged at its stamp, by the clock of the ground truth; of what is unknown there is none.
+    Topics that the live node has too have its names and types. Each message is logged at its
+    stamp, on the clock of the ground truth; unknown values have no message.
 
     :raises ConfigError: where the alignment is not determined, or ROS cannot hold the stamps.
     """
@@ -61,13 +61,15 @@ def mcap_report(result: Result) -> bytes:
 
 
 def _messages(result: Result, maker: _Maker) -> list[Logged]:
-    """Return all messages in order: the paths first and once more at the end, with the result."""
+    """Return all messages in order: paths at the beginning and, with the result, at the end."""
     estimate, truth = aligned(result), result.summary.pairs.ground_truth
     numbers = [*_errors(result), *_running(result)]
     stamps = [*(stamp_ns for stamp_ns, _, _ in numbers), *truth.stamps_ns.tolist()]
     begin_ns, end_ns = min(stamps), max(stamps)
     if not 0 <= begin_ns <= end_ns < END_NS:
-        raise ConfigError('an mcap report has stamps from 1970 to 2038 only; use a csv report')
+        raise ConfigError(
+            'an mcap report can hold stamps from 1970 to 2038 only; use a csv report'
+        )
     paths = {'estimate_aligned': maker.path(estimate), 'ground_truth_path': maker.path(truth)}
     errors = position_errors(result.summary.pairs, result.summary.alignment)
     during = [
@@ -98,7 +100,7 @@ def _running(result: Result) -> Iterator[tuple[int, str, float]]:
     """Yield stamp, topic and value of the running metrics."""
     for stamp_ns, values in result.series:
         for name, value in values.items():
-            # rpe_0.5s_trans_rmse_m would be no name of a topic
+            # rpe_0.5s_trans_rmse_m is not a valid name of a topic
             yield stamp_ns, f'metrics/{name.replace(".", "_")}', float(value)
 
 
@@ -123,7 +125,7 @@ class _Maker:
                 yield stamp_ns, topic, self.make('std_msgs/Float64', value)
 
     def path(self, trajectory: Trajectory) -> Any:
-        """Return a Path; where orientations are unknown, with some that can be drawn."""
+        """Return a Path; unknown orientations become the identity, so that it can be drawn."""
         rotations = trajectory.rotations
         if rotations is None:
             rotations = np.tile([0.0, 0.0, 0.0, 1.0], (len(trajectory), 1))
@@ -135,7 +137,7 @@ class _Maker:
         return self.make('nav_msgs/Path', poses[-1].header, poses)
 
     def poses(self, topic: str, path: Any, position_only: bool) -> Iterator[Logged]:
-        """Yield each pose of a Path by itself: as what says no more than is known."""
+        """Yield each pose of a Path by itself; where orientations are unknown, as a point."""
         for pose in path.poses:
             stamp_ns = pose.header.stamp.sec * 10**9 + pose.header.stamp.nanosec
             if position_only:
@@ -145,7 +147,7 @@ class _Maker:
                 yield stamp_ns, f'{topic}_pose', pose
 
     def line(self, positions: np.ndarray, errors: np.ndarray) -> Any:
-        """Return a line through (N, 3) positions: green of no error, red from the 95 % on."""
+        """Return a line through (N, 3) positions: green without error, red at 95 % and above."""
         shares = np.clip(errors / max(float(np.percentile(errors, 95)), 1e-9), 0, 1).tolist()
         nothing, empty = np.empty(0, np.uint8), self._header(0)
         marker = self.make(

@@ -1,4 +1,4 @@
-"""What the HTML reports draw, as plotly's figures in plain dicts."""
+"""The figures of a run: its path in space, its errors over time, its relative errors."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ FAR_AWAY = 100.0
 #: from no error to the largest; calm to hot, on light and dark alike
 RAMP = ('#3569b0', '#2aa3a3', '#86b63c', '#e6a426', '#d1382c')
 LEVELS = 16
-#: from where the 3-D view looks, by the axes that lie level; a camera's y points down
+#: viewpoint of the 3-D view by the horizontal axes; in a camera frame, y points down
 CAMERAS = {
     'xy': {'eye': {'x': 1.05, 'y': -1.5, 'z': 1.0}, 'center': {'x': 0, 'y': 0, 'z': -0.1}},
     'xz': {
@@ -63,19 +63,19 @@ GAP = 'rgba(128,128,128,0.22)'
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class DrawnRun:
     """
-    A run over time, as it is drawn.
+    A run as it is drawn: positions and errors over time.
 
     :param seconds: (N,) since the first ground truth.
-    :param end: of the ground truth, in the same seconds.
+    :param end: of the ground truth, on the same clock.
     :param estimate: (N, 3) metres, aligned.
     :param truth: (N, 3) metres.
     :param errors: (N,) of position, metres.
     :param angles: (N,) of rotation, degrees; NaN where unknown.
-    :param longest_s: above it, an interval without pairs is a gap.
-    :param most_points: that are drawn of a line.
-    :param whole: ground truth also where there are no pairs, if it is known.
+    :param longest_s: longer intervals without pairs are gaps.
+    :param most_points: drawn of each line.
+    :param whole: the ground truth including what has no pairs, if it is known.
     """
 
     seconds: np.ndarray
@@ -89,59 +89,59 @@ class Course:
     whole: Trajectory | None = None
 
     @classmethod
-    def of(cls, result: Result, most_points: int = MOST_POINTS) -> Course:
-        """Return the course of a run."""
+    def of(cls, result: Result, most_points: int = MOST_POINTS) -> DrawnRun:
+        """Return how a result is drawn."""
         pairs, alignment = result.summary.pairs, result.summary.alignment
         first_ns = result.ground_truth.first_stamp_ns or 0
         last_ns = result.ground_truth.last_stamp_ns or 0
         seconds = (pairs.estimate.stamps_ns - first_ns) / 1e9
         usual = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
         return cls(
-            seconds,
-            (last_ns - first_ns) / 1e9,
-            alignment.positions(pairs.estimate.positions),
-            pairs.ground_truth.positions,
-            position_errors(pairs, alignment),
-            rotation_errors(pairs, alignment),
-            longest_tracked(result.config.max_gap_s, usual),
-            most_points,
-            result.truth,
+            seconds=seconds,
+            end=(last_ns - first_ns) / 1e9,
+            estimate=alignment.positions(pairs.estimate.positions),
+            truth=pairs.ground_truth.positions,
+            errors=position_errors(pairs, alignment),
+            angles=rotation_errors(pairs, alignment),
+            longest_s=longest_tracked(result.config.max_gap_s, usual),
+            most_points=most_points,
+            whole=result.truth,
         )
 
     @cached_property
     def gaps(self) -> list[tuple[float, float]]:
-        """Intervals of the ground truth without pairs, from when to when."""
+        """Intervals of the ground truth without pairs: begin and end [s]."""
         bounds = np.concatenate([[min(0.0, self.seconds[0])], self.seconds, [self.end]])
         found = np.flatnonzero(np.diff(bounds) > self.longest_s)
         return [(float(bounds[k]), float(bounds[k + 1])) for k in found]
 
     @cached_property
     def jumps(self) -> list[tuple[int, float]]:
-        """The pairs to which the estimate jumped, and by how much [m], the largest first."""
+        """The pairs to which the estimate jumped, and how far [m], the largest first."""
         found = np.flatnonzero(self.steps > self.least_jump)
         sizes = ((int(k) + 1, float(self.steps[k])) for k in found)
         return sorted(sizes, key=lambda jump: -jump[1])
 
     @cached_property
     def least_jump(self) -> float:
-        """By how much [m] a step must be off to be a jump."""
+        """The error of a step [m] above which it is a jump."""
         if not len(self.steps):
             return MIN_JUMP_M
         return jump_limit(self.steps, MIN_JUMP_M, JUMP_OVER_P95, 0.95)
 
     @cached_property
     def steps(self) -> np.ndarray:
-        """(N - 1,) metres by which the estimate moved otherwise than the ground truth."""
+        """(N - 1,) metres: the errors of the steps from one pair to the next."""
         return step_errors(self.estimate, self.truth)
 
     @cached_property
     def hottest(self) -> float:
-        """The error that has the last of the colours: the 95th percentile [m]."""
+        """The error with the last colour of the ramp: the 95th percentile [m]."""
         return max(float(np.quantile(self.errors, 0.95)), 1e-9)
 
     @cached_property
     def labels(self) -> list[str]:
-        """What the axes x, y and z show."""
+        """The titles of the axes x, y and z."""
         return [
             f'{name} [m]' if not origin else f'{name} - {plain(float(origin))} [m]'
             for name, origin in zip('xyz', self.origin, strict=True)
@@ -149,14 +149,14 @@ class Course:
 
     @cached_property
     def origin(self) -> np.ndarray:
-        """(3,) whole metres, from which positions are drawn; 0 unless they are far from it."""
+        """(3,) metres, the origin of the drawing: 0 unless all positions are far from it."""
         extent = float(np.ptp(self.truth, axis=0).max())
         far = np.abs(self.truth).max() > FAR_AWAY * max(extent, 1.0)
         return np.round(self.truth[0]) if far else np.zeros(3)
 
     @property
     def axes_from_above(self) -> str:
-        """The axes that lie level: x and y, or x and z where the run is flat in y (a camera's)."""
+        """The horizontal axes: x and y, or x and z where the run is flat in y (a camera frame)."""
         extent = np.ptp(self.truth, axis=0)
         return 'xz' if extent[1] < min(extent[0], 0.5 * extent[2]) else 'xy'
 
@@ -172,12 +172,12 @@ class Course:
         return np.union1d([0, len(values) - 1], extremes(values, self.most_points))
 
     def gap_between(self, chosen: np.ndarray) -> np.ndarray:
-        """Return for the chosen pairs whether a gap is between one and the next."""
+        """Return whether there is a gap between each chosen pair and the next."""
         passed = np.concatenate([[0], np.cumsum(np.diff(self.seconds) > self.longest_s)])
         return np.diff(passed[chosen]) > 0
 
     def broken(self, values: np.ndarray, chosen: np.ndarray) -> list[float | None]:
-        """Return the chosen values, with a hole wherever a gap is between two of them."""
+        """Return the chosen values, with None where there is a gap between two of them."""
         holes = np.flatnonzero(self.gap_between(chosen)) + 1
         return numbers(np.insert(values[chosen], holes, math.nan))
 
@@ -190,13 +190,13 @@ class Course:
         }
 
 
-def path_3d(course: Course) -> Figure:
+def path_3d(run: DrawnRun) -> Figure:
     """Return the aligned estimate in the colours of its error, with the ground truth, in 3-D."""
-    chosen, kind = course.evenly_spaced(), {'type': 'scatter3d'}
-    truth, estimate = (course.places(p, 'xyz', chosen) for p in (course.truth, course.estimate))
-    drawn = [course.truth, course.estimate]
-    drawn += [] if course.whole is None else [course.whole.positions]
-    both = np.vstack(drawn) - course.origin
+    chosen, kind = run.evenly_spaced(), {'type': 'scatter3d'}
+    truth, estimate = (run.places(p, 'xyz', chosen) for p in (run.truth, run.estimate))
+    drawn = [run.truth, run.estimate]
+    drawn += [] if run.whole is None else [run.whole.positions]
+    both = np.vstack(drawn) - run.origin
     low, high = both.min(axis=0), both.max(axis=0)
     # a little room, and never flat; what plotly calls the aspect of the data fits cubes only
     room = max(0.02 * float((high - low).max()), 1e-3)
@@ -204,7 +204,7 @@ def path_3d(course: Course) -> Figure:
     sides = (high - low) / (high - low).max()
     axes = {
         f'{name}axis': axis(
-            course.labels[k], range=[float(low[k]), float(high[k])],
+            run.labels[k], range=[float(low[k]), float(high[k])],
             nticks=round(1 + 6 * sides[k]), gridcolor='#a9aeb5',
             showbackground=False, showspikes=False,
         )
@@ -212,10 +212,10 @@ def path_3d(course: Course) -> Figure:
     }  # fmt: skip
     return {
         'data': [
-            *_outline(course, 'xyz', kind),
+            *_outline(run, 'xyz', kind),
             {**kind, **truth, 'mode': 'lines', 'line': {'color': GREY, 'width': 2}, **QUIET},
-            {**kind, **estimate, 'mode': 'lines', 'line': {**_colours(course, chosen), 'width': 5}}
-            | _told(course, chosen),
+            {**kind, **estimate, 'mode': 'lines', 'line': {**_colours(run, chosen), 'width': 5}}
+            | _told(run, chosen),
             {**kind, **_first(estimate), **START, 'marker': {'size': 4, 'color': GREY}},
             {**kind, **NOWHERE, 'z': [None], 'marker': {'size': 7, 'color': RED}, **QUIET},
         ],
@@ -225,27 +225,27 @@ def path_3d(course: Course) -> Figure:
                 'aspectmode': 'manual',
                 'aspectratio': dict(zip('xyz', (1.3 * sides).tolist(), strict=True)),
                 # a turntable has its axis along z
-                'dragmode': 'turntable' if course.axes_from_above == 'xy' else 'orbit',
-                'camera': CAMERAS[course.axes_from_above],
+                'dragmode': 'turntable' if run.axes_from_above == 'xy' else 'orbit',
+                'camera': CAMERAS[run.axes_from_above],
             },
             margin={'l': 0, 'r': 0, 't': 0, 'b': 0},
         ),
     }
 
 
-def path_from_above(course: Course) -> Figure:
+def path_from_above(run: DrawnRun) -> Figure:
     """Return the same from above."""
-    names, chosen, kind = course.axes_from_above, course.evenly_spaced(), {'type': 'scatter'}
-    truth, estimate = (course.places(p, names, chosen) for p in (course.truth, course.estimate))
-    right, up = (course.labels['xyz'.index(name)] for name in names)
+    names, chosen, kind = run.axes_from_above, run.evenly_spaced(), {'type': 'scatter'}
+    truth, estimate = (run.places(p, names, chosen) for p in (run.truth, run.estimate))
+    right, up = (run.labels['xyz'.index(name)] for name in names)
     return {
         'data': [
-            *_outline(course, names, kind),
+            *_outline(run, names, kind),
             {**kind, **truth, 'mode': 'lines', 'line': {'color': GREY, 'width': 1.5}, **QUIET},
             # every pair, be it alone, to be pointed at; over them lines of one colour each
             {**kind, **estimate, 'mode': 'markers',
-             'marker': {**_colours(course, chosen), 'size': 3}} | _told(course, chosen),
-            *_coloured(course, names, chosen),
+             'marker': {**_colours(run, chosen), 'size': 3}} | _told(run, chosen),
+            *_coloured(run, names, chosen),
             {**kind, **_first(estimate), **START, 'marker': {'size': 8, 'color': GREY}},
             {**kind, **NOWHERE, 'marker': {'size': 13, 'symbol': 'circle-open', 'color': RED,
                                            'line': {'width': 3}}, **QUIET},
@@ -254,16 +254,16 @@ def path_from_above(course: Course) -> Figure:
     }  # fmt: skip
 
 
-def _outline(course: Course, names: str, kind: Figure) -> list[Figure]:
-    """Return all of the ground truth as a thin line, broken where it has a gap itself."""
-    if course.whole is None or not len(course.whole):
+def _outline(run: DrawnRun, names: str, kind: Figure) -> list[Figure]:
+    """Return the whole ground truth as a thin line, broken at its own gaps."""
+    if run.whole is None or not len(run.whole):
         return []
-    stamps, positions = course.whole.stamps_ns, course.whole.positions - course.origin
-    stride = -(-len(stamps) // course.most_points)
+    stamps, positions = run.whole.stamps_ns, run.whole.positions - run.origin
+    stride = -(-len(stamps) // run.most_points)
     chosen = np.unique(np.append(np.arange(0, len(stamps), stride), len(stamps) - 1))
     seconds = np.diff(stamps[chosen]) / 1e9
     usual = float(np.median(seconds)) if len(seconds) else 0.0
-    holes = np.flatnonzero(seconds > longest_tracked(course.longest_s, usual)) + 1
+    holes = np.flatnonzero(seconds > longest_tracked(run.longest_s, usual)) + 1
     places = {
         axis: numbers(np.insert(positions[chosen, 'xyz'.index(name)], holes, math.nan))
         for axis, name in zip('xyz', names, strict=False)
@@ -272,22 +272,22 @@ def _outline(course: Course, names: str, kind: Figure) -> list[Figure]:
     return [{**kind, **places, 'mode': 'lines', 'line': line, **QUIET}]
 
 
-def _colours(course: Course, chosen: np.ndarray) -> Figure:
+def _colours(run: DrawnRun, chosen: np.ndarray) -> Figure:
     """Return the colours of the chosen errors."""
-    errors = course.broken(np.minimum(course.errors, course.hottest), chosen)
+    errors = run.broken(np.minimum(run.errors, run.hottest), chosen)
     return {
         'color': [0 if error is None else error for error in errors],
         'colorscale': [[k / (len(RAMP) - 1), colour] for k, colour in enumerate(RAMP)],
         'cmin': 0,
-        'cmax': course.hottest,
+        'cmax': run.hottest,
     }
 
 
-def _told(course: Course, chosen: np.ndarray) -> Figure:
-    """Return what is told of each place: its time, and how far off it is."""
-    errors = course.broken(course.errors, chosen)
+def _told(run: DrawnRun, chosen: np.ndarray) -> Figure:
+    """Return the label of each place: its time and error."""
+    errors = run.broken(run.errors, chosen)
     return {
-        'customdata': course.broken(course.seconds, chosen),
+        'customdata': run.broken(run.seconds, chosen),
         'text': ['' if error is None else f'{error:.3g} m' for error in errors],
         'hovertemplate': '%{text} off at %{customdata} s<extra></extra>',
     }
@@ -297,18 +297,18 @@ def _first(places: Figure) -> Figure:
     return {axis: values[:1] for axis, values in places.items()}
 
 
-def _coloured(course: Course, names: str, chosen: np.ndarray) -> list[Figure]:
-    """Return the lines of the estimate, one for each of some levels of error."""
-    errors = course.errors[chosen]
-    level = (errors[1:] + errors[:-1]) / 2 / course.hottest * LEVELS
+def _coloured(run: DrawnRun, names: str, chosen: np.ndarray) -> list[Figure]:
+    """Return the lines of the estimate, one per level of error."""
+    errors = run.errors[chosen]
+    level = (errors[1:] + errors[:-1]) / 2 / run.hottest * LEVELS
     level = level.clip(max=LEVELS - 1).astype(int)
-    level[course.gap_between(chosen)] = -1
+    level[run.gap_between(chosen)] = -1
     ends = [0, *(np.flatnonzero(np.diff(level)) + 1), len(level)]
     lines: list[list[int]] = [[] for _ in range(LEVELS)]
     for begin, end in pairwise(ends):
         if end > begin and level[begin] >= 0:
             lines[level[begin]] += [*range(begin, end + 1), len(chosen)]
-    positions = course.estimate[chosen] - course.origin
+    positions = run.estimate[chosen] - run.origin
     positions = np.vstack([positions, np.full(3, math.nan)])
     return [
         {
@@ -327,26 +327,26 @@ def _coloured(course: Course, names: str, chosen: np.ndarray) -> list[Figure]:
 
 
 def _ramp(share: float) -> str:
-    """Return the colour of an error that is this share of the largest."""
+    """Return the colour of an error, as a share of the hottest one."""
     stops = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in RAMP])
     at = np.linspace(0, 1, len(RAMP))
     red, green, blue = (round(float(np.interp(share, at, stops[:, k]))) for k in range(3))
     return f'rgb({red},{green},{blue})'
 
 
-def errors_over_time(course: Course, rmse_m: float, rmse_deg: float) -> Figure:
+def errors_over_time(run: DrawnRun, rmse_m: float, rmse_deg: float) -> Figure:
     """Return the errors of position and rotation over time; gaps are shaded, jumps marked."""
-    jumps = course.jumps[:MOST_MARKS]
-    gaps = sorted(course.gaps, key=lambda gap: gap[0] - gap[1])[:MOST_MARKS]
+    jumps = run.jumps[:MOST_MARKS]
+    gaps = sorted(run.gaps, key=lambda gap: gap[0] - gap[1])[:MOST_MARKS]
     at = np.array([k for k, _ in jumps], int)
     figure: Figure = {
         'data': [
-            _curve(course, course.errors, 'y', 'm'),
+            _curve(run, run.errors, 'y', 'm'),
             {
                 'type': 'scatter',
                 'mode': 'markers',
-                'x': numbers(course.seconds[at]),
-                'y': numbers(course.errors[at]),
+                'x': numbers(run.seconds[at]),
+                'y': numbers(run.errors[at]),
                 'text': [f'{size:.3g} m' for _, size in jumps],
                 'hovertemplate': 'jumped by %{text} at %{x} s<extra></extra>',
                 'marker': {
@@ -358,14 +358,14 @@ def errors_over_time(course: Course, rmse_m: float, rmse_deg: float) -> Figure:
             },
         ],
         'layout': layout(
-            xaxis=axis('time since the first ground truth [s]', range=[0, course.end]),
+            xaxis=axis('time since the first ground truth [s]', range=[0, run.end]),
             yaxis=axis('position [m]', rangemode='tozero'),
             hovermode='x',
             shapes=[_shade(*gap) for gap in gaps] + [_level(rmse_m, 'y')],
         ),
     }
-    if not math.isnan(course.angles.sum()):
-        figure['data'].append(_curve(course, course.angles, 'y2', 'deg'))
+    if not math.isnan(run.angles.sum()):
+        figure['data'].append(_curve(run, run.angles, 'y2', 'deg'))
         figure['layout'] |= {
             'yaxis': axis('position [m]', rangemode='tozero', domain=[0.54, 1]),
             'yaxis2': axis('rotation [deg]', rangemode='tozero', domain=[0, 0.46]),
@@ -375,15 +375,15 @@ def errors_over_time(course: Course, rmse_m: float, rmse_deg: float) -> Figure:
     return figure
 
 
-def _curve(course: Course, values: np.ndarray, axis: str, unit: str) -> Figure:
-    chosen = course.extremes(values)
+def _curve(run: DrawnRun, values: np.ndarray, axis: str, unit: str) -> Figure:
+    chosen = run.extremes(values)
     return {
         'type': 'scatter',
-        # a pair between two gaps would not be seen of a line
-        'mode': 'lines+markers' if course.gap_between(chosen).any() else 'lines',
+        # a single pair between two gaps would be invisible as a line
+        'mode': 'lines+markers' if run.gap_between(chosen).any() else 'lines',
         'marker': {'size': 2.5, 'color': BLUE},
-        'x': course.broken(course.seconds, chosen),
-        'y': course.broken(values, chosen),
+        'x': run.broken(run.seconds, chosen),
+        'y': run.broken(values, chosen),
         'yaxis': axis,
         'line': {'color': BLUE, 'width': 1.5},
         'hovertemplate': f'%{{y:.4~g}} {unit} at %{{x}} s<extra></extra>',
@@ -402,7 +402,7 @@ def _level(value: float, axis: str) -> Figure:
 
 
 def relative_samples(result: Result) -> list[tuple[str, dict[str, np.ndarray]]]:
-    """Return for two kinds of relative error a title, and the errors over each delta."""
+    """Return titles of two kinds of relative error, with the errors over each delta."""
     pairs, alignment = result.summary.pairs, result.summary.alignment
     kinds = ('disp', 'dist') if pairs.rotations is None else ('trans', 'rot')
     titles = {'trans': 'position [m]', 'rot': 'rotation [deg]', 'disp': 'displacement [m]',
@@ -422,7 +422,7 @@ def relative_samples(result: Result) -> list[tuple[str, dict[str, np.ndarray]]]:
 def segment_samples(
     result: Result, lengths_m: Sequence[float]
 ) -> list[tuple[str, dict[str, np.ndarray]]]:
-    """Return the drift of position and rotation over each length of path, with titles."""
+    """Return titles of the drift of position and rotation, with the drift over each length."""
     pairs, scale = result.summary.pairs, result.summary.alignment.scale
     if pairs.rotations is None:
         return []
@@ -438,7 +438,7 @@ def segment_samples(
 
 
 def usual_lengths(path_m: float) -> tuple[float, ...]:
-    """Return round lengths of which a path holds several: from a tenth to half of it."""
+    """Return round lengths [m] from a twentieth to half of a path."""
     if not path_m > 0:
         return ()
     decade = 10.0 ** math.floor(math.log10(path_m) - 1)

@@ -1,4 +1,4 @@
-"""Reports in tables: every pair as CSV and TUM files, the figures for LaTeX."""
+"""Reports in tables: every pair as CSV and TUM files, the statistics for LaTeX."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def pair_errors(result: Result) -> dict[str, np.ndarray]:
 
 
 def csv_report(result: Result) -> str:
-    """Return the stamps, as recorded, and errors of each pair; what is unknown is empty."""
+    """Return the stamps, as recorded, and errors of each pair; unknown values are empty."""
     columns = pair_errors(result)
     estimate, truth, *errors = columns.values()
     table = formatted(np.column_stack(errors), '%.9g,%.9g,%.9g,%.9g,%.9g').replace('nan', '')
@@ -75,7 +75,7 @@ def aligned(result: Result) -> Trajectory:
 
 
 def series_csv(rows: Iterable[tuple[int, Mapping[str, float]]]) -> str:
-    """Return stamp and running values as CSV, a line for each row; what is unknown is empty."""
+    """Return stamps and running values as CSV, a line per row; unknown values are empty."""
     lines: list[str] = []
     for stamp_ns, values in rows:
         if not lines:

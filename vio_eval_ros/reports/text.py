@@ -1,4 +1,4 @@
-"""The summary that a person reads on a terminal."""
+"""The summary of a result for a terminal, and what other reports share with it."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ RPE_LABELS = {
     'disp': 'displacement',
     'dist': 'distance',
 }
-# what stands out is in capitals
+# what needs attention is in capitals
 WORDS = {'pass': 'pass', 'warn': 'warn', 'fail': 'FAIL'}
 
 
@@ -60,7 +60,7 @@ def text_report(result: Result) -> str:
 
 
 def headline(result: Result) -> str:
-    """Return what a result says, in half a line."""
+    """Return the result in half a line."""
     metrics = result.summary.metrics
     return (
         f'{result.summary.association["pairs"]:,} pairs, '
@@ -71,7 +71,7 @@ def headline(result: Result) -> str:
 
 def rows(result: Result) -> Iterator[tuple[str, list[float]]]:
     """
-    Yield a label and the seven statistics of each error that people look at first.
+    Yield a label and the seven statistics of each of the main errors.
 
     Displacement and distance stand in for the pose errors where orientations are unknown.
     """
@@ -94,8 +94,8 @@ def _revisions(metrics: Mapping[str, float]) -> Iterator[str]:
     if not math.isnan(metrics['loop_closure_gain']):
         yield (
             f'as first published: ATE {number(metrics["ate_causal_trans_rmse_m"])} m, '
-            f'{number(metrics["ate_causal_rot_rmse_deg"])} deg; as revised since '
-            f'{number(metrics["loop_closure_gain"])} times that (loop-closure gain)'
+            f'{number(metrics["ate_causal_rot_rmse_deg"])} deg; loop-closure gain '
+            f'{number(metrics["loop_closure_gain"])} (ATE as last revised / as first published)'
         )
 
 
@@ -103,15 +103,17 @@ def _drift(metrics: Mapping[str, float]) -> Iterator[str]:
     for name, value in metrics.items():
         if name.endswith('_trans_percent') and not math.isnan(value):
             prefix = name.removesuffix('_trans_percent')
-            turn = number(metrics[f'{prefix}_rot_deg_per_m'])
+            rotation = number(metrics[f'{prefix}_rot_deg_per_m'])
+            length = prefix.removeprefix('segment_')
+            label = 'KITTI drift' if prefix == 'kitti' else f'drift over {length}'
             yield (
-                f'drift over {prefix.replace("_", " ")}: {number(value)} %, {turn} deg/m '
+                f'{label}: {number(value)} %, {rotation} deg/m '
                 f'({metrics[f"{prefix}_segments"]} segments)'
             )
     if not math.isnan(metrics['nees_position_mean']):
         yield (
             f'NEES: position {number(metrics["nees_position_mean"])}, orientation '
-            f'{number(metrics["nees_orientation_mean"])} (3 is consistent)'
+            f'{number(metrics["nees_orientation_mean"])} (3 if consistent)'
         )
 
 

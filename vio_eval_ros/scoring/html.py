@@ -20,7 +20,7 @@ from vio_eval_ros.rendering.page import (
     warnings,
 )
 from vio_eval_ros.rendering.text import number, percent
-from vio_eval_ros.reports.html import course, gate_rows, options
+from vio_eval_ros.reports.html import gate_rows, options, run_plots
 from vio_eval_ros.scoring.comparison import MetricComparison
 from vio_eval_ros.scoring.plots import marks, strips
 from vio_eval_ros.scoring.results import RunResult, SequenceResult, SuiteResult
@@ -148,7 +148,7 @@ def _sequence(k: int, one: SequenceResult, worst: bool) -> Html:
         gate_rows((_name(gate), verdict) for gate, verdict in one.verdicts),
         tag('h3', 'Runs'),
         _runs(one),
-        *_courses(one, worst),
+        *_run_sections(one, worst),
         id=f'sequence-{k}',
         open=None if one.passed else 'open',
     )
@@ -216,7 +216,7 @@ def _runs(one: SequenceResult) -> Html:
     )
 
 
-def _courses(one: SequenceResult, opened: bool) -> Iterator[Html]:
+def _run_sections(one: SequenceResult, opened: bool) -> Iterator[Html]:
     """Yield the error in space and time of the median run, and of the worst if one failed."""
     scored = [(run, run.result) for run in one.runs if run.result is not None]
     if not scored:
@@ -228,18 +228,18 @@ def _courses(one: SequenceResult, opened: bool) -> Iterator[Html]:
 
     by_ate = sorted(scored, key=lambda each: badness(*each)[1:])
     median, worst = by_ate[(len(scored) - 1) // 2], max(scored, key=lambda each: badness(*each))
-    yield _course(*median, ', the median run' if len(scored) > 1 else '', opened)
+    yield _run_section(*median, ', the median run' if len(scored) > 1 else '', opened)
     if worst is not median and not (one.passed and worst[0].succeeded(one.sequence)):
-        yield _course(*worst, ', the worst run', False)
+        yield _run_section(*worst, ', the worst run', False)
 
 
-def _course(run: RunResult, result: Result, which: str, opened: bool) -> Html:
+def _run_section(run: RunResult, result: Result, which: str, opened: bool) -> Html:
     """Return the error of a run in space and time, folded."""
     return tag(
         'details',
         tag('summary', f'Where and when: {run.run.name}{which}'),
         warnings(result.summary.warnings),
-        tag('section', course(result, MOST_POINTS), class_='run'),
+        tag('section', run_plots(result, MOST_POINTS), class_='run'),
         options(result),
         open='open' if opened else None,
     )
