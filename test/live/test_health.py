@@ -12,8 +12,9 @@ from vio_eval_ros.core.association import AFTER_ALL, BEFORE_ALL
 from vio_eval_ros.core.gates import Gate
 from vio_eval_ros.core.trajectory import Pairs, Trajectory
 from vio_eval_ros.live import health
-from vio_eval_ros.live.health import Level, RunState, SideState, Snapshot, TopicState
+from vio_eval_ros.live.health import Level
 from vio_eval_ros.live.queues import TimeJump
+from vio_eval_ros.live.snapshot import RunState, SideState, Snapshot, TopicState
 
 S = 1_000_000_000
 ODOMETRY, POSE = 'nav_msgs/msg/Odometry', 'geometry_msgs/msg/PoseStamped'

@@ -27,8 +27,8 @@ from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.diagnosis.limits import DEFAULT, DiagnosisLimits
 from vio_eval_ros.errors import ReadError, WriteError
 from vio_eval_ros.evaluation.result import Input, Result
-from vio_eval_ros.live.health import RunState, SideState
 from vio_eval_ros.live.monitor import DiagnosisMonitor
+from vio_eval_ros.live.snapshot import RunState, SideState
 from vio_eval_ros.recordings.messages import PathRevisions
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.rendering.files import write_all

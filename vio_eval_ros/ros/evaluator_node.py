@@ -37,11 +37,12 @@ from vio_eval_ros.core.gates import check_names
 from vio_eval_ros.diagnosis.limits import DiagnosisLimits
 from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE, VioEvalError, WriteError
 from vio_eval_ros.evaluation.result import Result
-from vio_eval_ros.live.health import conclusions, Snapshot, statuses, why_no_pairs
+from vio_eval_ros.live.health import conclusions, statuses, why_no_pairs
 from vio_eval_ros.live.options import NodeConfig
 from vio_eval_ros.live.queues import LAG_S, why_the_run_ends
 from vio_eval_ros.live.report_folder import ReportFolder
 from vio_eval_ros.live.run import LiveRun, RunSetup
+from vio_eval_ros.live.snapshot import Snapshot
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.rendering.text import number
 from vio_eval_ros.reports import REPORTS

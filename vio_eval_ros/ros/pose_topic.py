@@ -27,8 +27,9 @@ from rclpy.subscription import Subscription
 
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.live.health import counted, TopicState, undecodable
+from vio_eval_ros.live.health import counted, undecodable
 from vio_eval_ros.live.queues import PathQueue, Progress, RunQueue, TimeJump
+from vio_eval_ros.live.snapshot import TopicState
 from vio_eval_ros.recordings import cdr
 from vio_eval_ros.recordings.messages import collect, CONVERTERS, PATH, PathRevisions, poses
 from vio_eval_ros.ros.parameters import override_quality
