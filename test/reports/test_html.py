@@ -349,6 +349,19 @@ def test_what_has_no_alignment_is_not_drawn_but_told(parsed):
     assert 'Nothing can be drawn' in html_report(result)
 
 
+@pytest.mark.parametrize('alignment', ['scale', 'sim3'])
+def test_an_estimate_that_stands_still_has_a_page_without_its_scale(alignment, parsed):
+    run = simulate(duration_s=20.0)
+    still = replace(run.estimate, positions=0 * run.estimate.positions)
+    result = result_of(still, run.ground_truth, alignment=alignment)
+    titles = [
+        figure['layout']['yaxis']['title']['text']
+        for figure in parsed(html_report(result)).figures
+    ]
+    assert 'rotation [deg]' in titles
+    assert 'position [m]' not in titles
+
+
 def test_an_estimate_without_any_error_is_drawn(parsed):
     run = simulate(duration_s=20.0)
     result = result_of(run.ground_truth, run.ground_truth, alignment='none')

@@ -414,7 +414,7 @@ def relative_samples(result: Result) -> list[tuple[str, dict[str, np.ndarray]]]:
         errors = relative_errors(pairs, of.begin[of.usable], of.end[of.usable], alignment)
         for kind in kinds:
             values = errors[list(RPE_KINDS).index(kind)]
-            if len(values):
+            if np.isfinite(values).any():
                 found[kind][text] = values
     return [(titles[kind], samples) for kind, samples in found.items() if samples]
 
@@ -427,12 +427,14 @@ def segment_samples(
     if pairs.rotations is None:
         return []
     path = progress_along(pairs, 'm')
-    drift, turn = {}, {}
+    drift: dict[str, np.ndarray] = {}
+    turn: dict[str, np.ndarray] = {}
     for length in lengths_m:
         errors = segment_errors(pairs, scale, path, length)
-        if errors.size:
-            name = f'{plain(length)} m'
-            drift[name], turn[name] = 100 * errors[0], errors[1]
+        name = f'{plain(length)} m'
+        for samples, values in ((drift, 100 * errors[0]), (turn, errors[1])):
+            if np.isfinite(values).any():
+                samples[name] = values
     found = [('drift of position [%]', drift), ('drift of rotation [deg/m]', turn)]
     return [(title, samples) for title, samples in found if samples]
 
