@@ -213,8 +213,39 @@ WRONG = {
     ),
     'whole seconds': (
         (1403636579 + np.arange(20), POSITIONS),
-        'stamps: expected nanoseconds, got 1403636579 to 1403636598, 1 apart: seconds or row '
-        'numbers?',
+        'stamps: expected nanoseconds, got 1403636579 to 1403636598, 1 apart: another unit or '
+        'row numbers?',
+    ),
+    'whole microseconds': (
+        (STAMPS // 1000 // 2, POSITIONS),
+        'stamps: expected nanoseconds, got 701818289500000 to 701818290450000, 50000 apart: '
+        'another unit or row numbers?',
+    ),
+    'one stamp': (
+        (STAMPS * 0 + 5, POSITIONS), 'stamps: expected increasing, got 5 in all 20 rows'
+    ),
+    'stamps beyond int64': (
+        (STAMPS.astype(np.uint64) + np.uint64(1 << 63), POSITIONS),
+        'stamps: expected nanoseconds, got 10627008617754775808: more than 146 years',
+    ),
+    'masked stamps': (
+        (np.ma.masked_less(STAMPS, STAMPS[2]), POSITIONS),
+        'stamps: expected no masked values, got 2; drop these rows from all columns',
+    ),
+    'masked positions': (
+        (STAMPS, np.ma.masked_where(POSITIONS == POSITIONS[3, 1], POSITIONS)),
+        'positions: expected no masked values, got 1; drop these rows from all columns',
+    ),
+    'ragged stamps': (
+        ([[1, 2], [3]], POSITIONS),
+        'stamps: expected shape (N,), got rows of different lengths',
+    ),
+    'huge positions': (
+        (STAMPS, POSITIONS * 0 + 1e200), 'positions: expected numbers below 1e+100, got 1e+200'
+    ),
+    'huge rotations': (
+        (STAMPS, POSITIONS, ROTATIONS * 1e200),
+        'rotations: expected numbers below 1e+100, got 1e+200',
     ),
     'words': ((['a'] * 20, POSITIONS), 'stamps: expected integers, nanoseconds, got <U1'),
     'ragged lists': (
@@ -274,6 +305,12 @@ def test_what_is_computed_later_does_not_change_with_the_arrays_given():
 
 
 def test_equal_stamps_are_counted_as_in_files():
+def test_the_layout_in_memory_changes_no_bit():
+    source = vio.trajectory(STAMPS, np.asfortranarray(POSITIONS), np.asfortranarray(ROTATIONS))
+    assert source.positions.flags.c_contiguous
+    assert source.rotations.flags.c_contiguous
+
+
     stamps = STAMPS.copy()
     stamps[7] = stamps[6]
     result = vio.evaluate((stamps, POSITIONS), (STAMPS, POSITIONS))
@@ -281,13 +318,19 @@ def test_equal_stamps_are_counted_as_in_files():
 
 
 def table(**columns) -> pd.DataFrame:
+def test_stamps_of_which_each_is_there_twice_are_still_nanoseconds():
+    stamps = np.repeat(STAMPS[::2], 2)
+    result = vio.evaluate((stamps, POSITIONS), (STAMPS, POSITIONS))
+    assert 'estimate: dropped 10 duplicate' in result.warnings
+
+
     return pd.DataFrame(dict(zip('xyz', POSITIONS.T, strict=True)) | columns, index=STAMPS / 1e9)
 
 
 WRONG_TABLES = {
     'row numbers': (
         lambda: table().reset_index(drop=True),
-        'index: expected nanoseconds, got 0 to 19, 1 apart: seconds or row numbers?',
+        'index: expected nanoseconds, got 0 to 19, 1 apart: another unit or row numbers?',
     ),
     'float nanoseconds': (
         lambda: table().set_index(STAMPS.astype(float)),
@@ -313,6 +356,18 @@ WRONG_TABLES = {
         lambda: table(y='a'), 'positions: expected float64, got object'
     ),
 }  # fmt: skip
+    'no date': (
+        lambda: table().set_index(pd.DatetimeIndex([*pd.to_datetime(STAMPS[:19]), pd.NaT])),
+        'index: expected dates, got NaT in row 19',
+    ),
+    'durations': (
+        lambda: table().set_index(pd.to_timedelta(STAMPS)),
+        'index: expected dates, float seconds or integer nanoseconds, got timedelta64[ns]',
+    ),
+    'nothing in a column of its own type': (
+        lambda: table().convert_dtypes().mask(table() == POSITIONS[3, 1]),
+        'positions: expected finite numbers, got NaN or infinity in 1 of 20 rows, first in row 3',
+    ),
 
 
 @pytest.mark.parametrize('case', WRONG_TABLES)
@@ -324,6 +379,24 @@ def test_what_is_wrong_with_a_table_is_said_with_what_was_expected(case):
 
 
 def test_what_is_no_trajectory_is_said_to_be_none():
+@pytest.mark.parametrize(
+    'make',
+    [
+        lambda: table().convert_dtypes(),
+        lambda: table().astype('Float64'),
+        lambda: table().set_index(pd.to_datetime(STAMPS).tz_localize('UTC')),
+        lambda: table().set_index(
+            pd.to_datetime(STAMPS).tz_localize('UTC').tz_convert('Asia/Tokyo')
+        ),
+        lambda: table().set_index(pd.Index(STAMPS, dtype='Int64')),
+    ],
+)
+def test_types_of_pandas_and_time_zones_are_taken(make):
+    result = vio.evaluate(make(), (STAMPS, POSITIONS), alignment='none')
+    assert result.metrics['ate_trans_max_m'] == 0
+    assert len(result.errors()) == 20
+
+
     with pytest.raises(vio.InputError, match=r'estimate: expected .* got ndarray of shape \(20'):
         vio.evaluate(POSITIONS, (STAMPS, POSITIONS))
     with pytest.raises(vio.InputError, match=r'ground_truth: expected .* got int'):

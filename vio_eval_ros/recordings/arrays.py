@@ -7,13 +7,14 @@ Every error names the column, what was expected and what was given.
 from __future__ import annotations
 
 from dataclasses import replace
+import math
 from pathlib import Path
 from typing import Any, TYPE_CHECKING, Union
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vio_eval_ros.core.cleaning import MIN_QUATERNION_NORM
+from vio_eval_ros.core.cleaning import LARGEST, MIN_QUATERNION_NORM
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import InputError
 from vio_eval_ros.recordings.sources import Source
@@ -22,8 +23,11 @@ if TYPE_CHECKING:
     import pandas as pd
 
 POSITION, ROTATION = ['x', 'y', 'z'], ['qx', 'qy', 'qz', 'qw']
-#: sensors are slower; stamps this close together are seconds or frame numbers, not nanoseconds
-SHORTEST_PERIOD_NS = 1000
+#: estimators are slower than 5 kHz; stamps closer together are of another unit, or frame numbers
+SHORTEST_PERIOD_NS = 200_000
+#: within these, sums and differences of stamps fit into int64; it is the year 2116
+LATEST_NS = 1 << 62
+INDEX_FORMS = 'dates, float seconds or integer nanoseconds'
 
 Columns = tuple[ArrayLike, ArrayLike, ArrayLike | None]
 TrajectoryLike = Union[str, Path, Source, Poses, Columns, 'pd.DataFrame']
@@ -41,7 +45,7 @@ def trajectory(
     :raises InputError: a shape, type or value is wrong; the message gives what was expected and
         what was given.
     """
-    stamps_ns = _stamps(np.asarray(stamps))
+    stamps_ns = _stamps(_array('stamps', stamps, '(N,)'))
     return _of_columns('arrays', stamps_ns, positions, rotations)
 
 
@@ -82,15 +86,27 @@ def _of_frame(frame: Any) -> Source:
         expected = ' '.join(POSITION + ROTATION)
         got = ' '.join(map(str, frame.columns))
         raise InputError(f'expected a DataFrame with columns {expected} (or x y z), got {got}')
-    rotations = frame[ROTATION].to_numpy() if oriented else None
-    return _of_columns('DataFrame', _index(frame.index), frame[POSITION].to_numpy(), rotations)
+    rotations = _columns(frame, ROTATION) if oriented else None
+    return _of_columns('DataFrame', _index(frame.index), _columns(frame, POSITION), rotations)
+
+
+def _columns(frame: Any, names: list[str]) -> np.ndarray:
+    """Return columns as one array; those of pandas' own types, such as Float64, as numbers."""
+    columns = [frame[name].to_numpy() for name in names]
+    if all(column.dtype.kind in 'fiu' for column in columns):
+        return np.column_stack(columns)
+    return np.asarray(frame[names].to_numpy())
 
 
 def _index(index: Any) -> np.ndarray:
     """Return the stamps [ns] that an index has: dates, float seconds or integer nanoseconds."""
+    if getattr(index, 'tz', None) is not None:
+        index = index.tz_convert(None)  # the same instants in UTC
     values = index.to_numpy()
     if values.dtype.kind == 'M':
-        return _stamps(values.astype('datetime64[ns]').astype(np.int64))
+        if np.isnat(values).any():
+            raise InputError(f'index: expected dates, got NaT in row {np.isnat(values).argmax()}')
+        return _stamps(values.astype('datetime64[ns]').astype(np.int64), 'index')
     if values.dtype.kind != 'f':
         return _stamps(values, 'index')
     if not np.isfinite(values).all():
@@ -117,7 +133,11 @@ def _stamps(stamps: np.ndarray, name: str = 'stamps') -> np.ndarray:
             f'numpy.round({name} * 1e9).astype(numpy.int64)'
         )
     if stamps.dtype.kind not in 'iu':
-        raise InputError(f'{name}: expected integers, nanoseconds, got {stamps.dtype}')
+        forms = 'integers, nanoseconds' if name == 'stamps' else INDEX_FORMS
+        raise InputError(f'{name}: expected {forms}, got {stamps.dtype}')
+    farthest = max(int(stamps.max()), -int(stamps.min()))
+    if farthest > LATEST_NS:
+        raise InputError(f'{name}: expected nanoseconds, got {farthest}: more than 146 years')
     stamps = stamps.astype(np.int64)
     steps = np.diff(stamps)
     if (steps < 0).any():
@@ -126,10 +146,13 @@ def _stamps(stamps: np.ndarray, name: str = 'stamps') -> np.ndarray:
             f'{name}: expected in increasing order, got {stamps[k]} after {stamps[k - 1]} in row '
             f'{k}; sort all columns by stamp first: numpy.argsort({name}, kind="stable")'
         )
-    if len(steps) and np.median(steps) < SHORTEST_PERIOD_NS:
+    if len(steps) and not steps.any():
+        raise InputError(f'{name}: expected increasing, got {stamps[0]} in all {len(stamps)} rows')
+    period = float(np.median(steps[steps > 0])) if len(steps) else math.inf
+    if period < SHORTEST_PERIOD_NS:
         raise InputError(
-            f'{name}: expected nanoseconds, got {stamps[0]} to {stamps[-1]}, '
-            f'{float(np.median(steps)):g} apart: seconds or row numbers?'
+            f'{name}: expected nanoseconds, got {stamps[0]} to {stamps[-1]}, {period:g} apart: '
+            'another unit or row numbers?'
         )
     return stamps
 
@@ -157,17 +180,13 @@ def _of_columns(
 
 def _numbers(name: str, values: ArrayLike, shape: tuple[int, int]) -> np.ndarray:
     """Return (N, D) float64; the error names the shape or type expected and the one given."""
-    try:
-        array = np.asarray(values)
-    except ValueError:  # rows of different lengths
-        raise InputError(
-            f'{name}: expected shape {shape}, got rows of different lengths'
-        ) from None
+    array = _array(name, values, str(shape))
     if array.shape != shape:
         raise InputError(f'{name}: expected shape {shape}, got {array.shape}')
     if array.dtype.kind not in 'fiu':
         raise InputError(f'{name}: expected float64, got {array.dtype}')
-    array = array.astype(np.float64)
+    # another layout in memory would sum in another order, and change last bits
+    array = np.array(array, np.float64, order='C')
     wrong = ~np.isfinite(array).all(axis=1)
     if wrong.any():
         raise InputError(
@@ -175,7 +194,25 @@ def _numbers(name: str, values: ArrayLike, shape: tuple[int, int]) -> np.ndarray
             f'of {len(wrong)} rows, first in row {wrong.argmax()}; drop these rows from all '
             'columns'
         )
+    largest = np.abs(array).max(initial=0.0)
+    if largest >= LARGEST:
+        raise InputError(f'{name}: expected numbers below {LARGEST:g}, got {largest:g}')
     return array
+
+
+def _array(name: str, values: ArrayLike, shape: str) -> np.ndarray:
+    """Return an array of any type, of which nothing is masked."""
+    masked = np.ma.count_masked(values) if isinstance(values, np.ma.MaskedArray) else 0
+    if masked:
+        raise InputError(
+            f'{name}: expected no masked values, got {masked}; drop these rows from all columns'
+        )
+    try:
+        return np.asarray(values)
+    except ValueError:
+        raise InputError(
+            f'{name}: expected shape {shape}, got rows of different lengths'
+        ) from None
 
 
 def _shown(value: Any) -> str:
