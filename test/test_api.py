@@ -126,6 +126,7 @@ def test_a_result_is_shown_in_a_line_and_in_a_notebook_as_a_table(flight):
     )
     page = flight._repr_html_()
     assert page.count('<tr>') == 1 + 8
+    assert 'ATE 0.0765 m, 1.453 deg, se3</p>' in page
     assert '>ATE position [m]</td><td class="number">0.0765</td>' in page
 
 
@@ -304,26 +305,26 @@ def test_what_is_computed_later_does_not_change_with_the_arrays_given():
     assert np.array_equal(source.positions, POSITIONS)
 
 
-def test_equal_stamps_are_counted_as_in_files():
 def test_the_layout_in_memory_changes_no_bit():
     source = vio.trajectory(STAMPS, np.asfortranarray(POSITIONS), np.asfortranarray(ROTATIONS))
     assert source.positions.flags.c_contiguous
     assert source.rotations.flags.c_contiguous
 
 
+def test_equal_stamps_are_counted_as_in_files():
     stamps = STAMPS.copy()
     stamps[7] = stamps[6]
     result = vio.evaluate((stamps, POSITIONS), (STAMPS, POSITIONS))
     assert 'estimate: dropped 1 duplicate' in result.warnings
 
 
-def table(**columns) -> pd.DataFrame:
 def test_stamps_of_which_each_is_there_twice_are_still_nanoseconds():
     stamps = np.repeat(STAMPS[::2], 2)
     result = vio.evaluate((stamps, POSITIONS), (STAMPS, POSITIONS))
     assert 'estimate: dropped 10 duplicate' in result.warnings
 
 
+def table(**columns) -> pd.DataFrame:
     return pd.DataFrame(dict(zip('xyz', POSITIONS.T, strict=True)) | columns, index=STAMPS / 1e9)
 
 
@@ -355,7 +356,6 @@ WRONG_TABLES = {
     'a word': (
         lambda: table(y='a'), 'positions: expected float64, got object'
     ),
-}  # fmt: skip
     'no date': (
         lambda: table().set_index(pd.DatetimeIndex([*pd.to_datetime(STAMPS[:19]), pd.NaT])),
         'index: expected dates, got NaT in row 19',
@@ -368,6 +368,7 @@ WRONG_TABLES = {
         lambda: table().convert_dtypes().mask(table() == POSITIONS[3, 1]),
         'positions: expected finite numbers, got NaN or infinity in 1 of 20 rows, first in row 3',
     ),
+}  # fmt: skip
 
 
 @pytest.mark.parametrize('case', WRONG_TABLES)
@@ -378,7 +379,6 @@ def test_what_is_wrong_with_a_table_is_said_with_what_was_expected(case):
     assert str(caught.value).startswith(f'ground_truth: {message}')
 
 
-def test_what_is_no_trajectory_is_said_to_be_none():
 @pytest.mark.parametrize(
     'make',
     [
@@ -397,6 +397,7 @@ def test_types_of_pandas_and_time_zones_are_taken(make):
     assert len(result.errors()) == 20
 
 
+def test_what_is_no_trajectory_is_said_to_be_none():
     with pytest.raises(vio.InputError, match=r'estimate: expected .* got ndarray of shape \(20'):
         vio.evaluate(POSITIONS, (STAMPS, POSITIONS))
     with pytest.raises(vio.InputError, match=r'ground_truth: expected .* got int'):
@@ -419,6 +420,82 @@ def test_wrong_options_and_files_are_our_errors(tmp_path):
         vio.evaluate((STAMPS + 10**6 * SECOND, POSITIONS), both[1])
     config = vio.EvaluationConfig(alignment='none')
     assert vio.evaluate(*both, config=config).config is config
+
+
+def test_options_may_be_numbers_and_arrays_of_numpy():
+    config = vio.EvaluationConfig(
+        alignment=np.str_('sim3'),
+        max_difference_s=np.float32(0.5),
+        rpe_deltas=np.array(['1f', '2s']),
+        segment_lengths_m=np.int64(10),
+        estimate_to_body=np.array([0, 0, 0, 0, 0, 0, 1]),
+    )
+    assert config == vio.EvaluationConfig(
+        alignment='sim3', max_difference_s=0.5, rpe_deltas=['1f', '2s'], segment_lengths_m=[10]
+    )
+    with pytest.raises(vio.ConfigError, match="max_difference_s: 'True' is not a finite number"):
+        vio.EvaluationConfig(max_difference_s=np.True_)
+    with pytest.raises(vio.ConfigError, match='rpe_deltas: a set is not a list'):
+        vio.EvaluationConfig(rpe_deltas={'1f'})
+
+
+@pytest.mark.parametrize(
+    'gates',
+    [
+        'coverage_ratio>=0.9',
+        vio.Gate.parse('coverage_ratio>=0.9'),
+        (text for text in ['coverage_ratio>=0.9']),
+    ],
+)
+def test_one_gate_needs_no_list(gates):
+    both = (STAMPS, POSITIONS), (STAMPS, POSITIONS)
+    assert vio.evaluate(*both, gates=gates).passed
+
+
+@pytest.mark.parametrize(
+    ('gates', 'problem'),
+    [
+        (None, 'gates: expected a list, got NoneType'),
+        ({'pairs': {'max': 1}}, 'gates: expected a list, got dict'),
+        ([5], "gates: expected texts such as 'ate_trans_rmse_m<=0.1', got int"),
+        ([vio.Gate('pairs', '<', 1)], "gate pairs: expected '<=' or '>='"),
+        ([vio.Gate('pairs', '<=', 'a')], "gate pairs: 'a' is not a finite number"),
+    ],
+)
+def test_what_is_no_gate_is_said(gates, problem):
+    with pytest.raises(vio.ConfigError) as caught:
+        vio.evaluate((STAMPS, POSITIONS), (STAMPS, POSITIONS), gates=gates)
+    assert str(caught.value).startswith(problem)
+
+
+@pytest.mark.parametrize(
+    ('call_wrongly', 'problem'),
+    [
+        (lambda: vio.evaluate(recording=5), 'recording: expected a path, got int'),
+        (lambda: vio.evaluate(recording=''), "recording: expected a path, got ''"),
+        (lambda: vio.evaluate('', recording=FLIGHT), "'': expected a topic or a file"),
+        (lambda: vio.evaluate('a\0b', (STAMPS, POSITIONS)), 'a\0b: embedded null'),
+        (lambda: vio.evaluate('x' * 5000, (STAMPS, POSITIONS)), 'xxx'),
+        (lambda: vio.read(None), 'spec: expected a source spec or a path, got NoneType'),
+        (lambda: vio.read('x.txt', times=5), 'times: expected a path, got int'),
+        (lambda: vio.inspect(None), 'recording: expected a path, got NoneType'),
+        (lambda: vio.inspect('x' * 5000), 'xxx'),
+        (lambda: vio.inspect(FLIGHT, 'none.yaml'), 'none.yaml: No such file'),
+        (lambda: vio.inspect(FLIGHT, [5]), 'calibrations: expected a path, got int'),
+        (lambda: vio.inspect(FLIGHT, expectations={}), 'expectations: expected a path, got dict'),
+        (lambda: vio.inspect(FLIGHT, profile=None), "profile: 'None' is not one of"),
+        (lambda: vio.inspect(FLIGHT, limits=[1]), 'limits: expected a mapping of names to'),
+        (lambda: vio.imu_noise(FLIGHT / 'none', topic='/imu0'), f'{FLIGHT}/none: '),
+        (lambda: vio.imu_noise(5), 'recording: expected a path, got int'),
+        (lambda: vio.diagnose(recording=FLIGHT, imu=5), 'imu: expected a source spec or a path'),
+        (lambda: vio.diagnose(recording=FLIGHT, imu=Path('no.csv')), 'no.csv: No such file'),
+    ],
+)
+def test_what_is_no_path_is_our_error(call_wrongly, problem):
+    with pytest.raises(vio.VioEvalError) as caught:
+        call_wrongly()
+    assert str(caught.value).startswith(problem)
+    assert '\n' not in str(caught.value)
 
 
 @pytest.fixture(scope='module')

@@ -9,10 +9,12 @@ computed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import fields
+from os import PathLike
 from pathlib import Path
-from typing import Any, TYPE_CHECKING
+from typing import Any
 
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names
@@ -20,7 +22,7 @@ from vio_eval_ros.core.gates import check_names, Gate
 from vio_eval_ros.core.limits import Kind, Limits, PROFILES
 from vio_eval_ros.diagnosis.limits import DiagnosisLimits
 from vio_eval_ros.diagnosis.recorded import diagnose_sources, read_gyroscope
-from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.errors import ConfigError, InputError, ReadError
 from vio_eval_ros.evaluation.recorded import score_run
 from vio_eval_ros.imu.limits import ImuNoiseLimits
 from vio_eval_ros.imu.recorded import imu_noise as noise_of
@@ -32,10 +34,17 @@ from vio_eval_ros.recordings.progress import silent
 from vio_eval_ros.recordings.sources import default_topics, read_sources, Source
 from vio_eval_ros.results import Diagnosis, ImuNoise, Inspection, Result
 
-if TYPE_CHECKING:
-    pass
+
+@contextmanager
+def _files() -> Iterator[None]:
+    """Turn what the system says of a path, such as that it may not be read, into ReadError."""
+    try:
+        yield
+    except OSError as error:
+        raise ReadError(error.filename or 'a file', error.strerror or str(error)) from None
 
 
+@_files()
 def read(
     spec: str | Path, recording: str | Path | None = None, *, times: str | Path | None = None
 ) -> Source:
@@ -48,16 +57,18 @@ def read(
     :param times: a file of one stamp [s] a line, for KITTI pose files.
     :raises ReadError: the file, recording or topic cannot be read.
     """
-    return read_sources([str(spec)], _path(recording), _path(times))[0]
+    path, stamps = _path('recording', recording), _path('times', times)
+    return read_sources([_spec('spec', spec)], path, stamps)[0]
 
 
+@_files()
 def evaluate(
     estimate: TrajectoryLike | None = None,
     ground_truth: TrajectoryLike | None = None,
     *,
     recording: str | Path | None = None,
     times: str | Path | None = None,
-    gates: Iterable[str | Gate] = (),
+    gates: str | Gate | Iterable[str | Gate] = (),
     **options: Any,
 ) -> Result:
     """
@@ -76,21 +87,23 @@ def evaluate(
     :raises NoPairs: the two share no instant.
     """
     config = _config(options)
-    judged = [gate if isinstance(gate, Gate) else Gate.parse(gate) for gate in gates]
+    judged = _gates(gates)
     if judged:
         check_names(judged, metric_names(config))
-    one, other = _sources(estimate, ground_truth, _path(recording), _path(times))
+    path, stamps = _path('recording', recording), _path('times', times)
+    one, other = _sources(estimate, ground_truth, path, stamps)
     found = score_run(one, other, config, judged)
     return Result(**_values(found))
 
 
+@_files()
 def diagnose(
     estimate: TrajectoryLike | None = None,
     ground_truth: TrajectoryLike | None = None,
     *,
     recording: str | Path | None = None,
     times: str | Path | None = None,
-    imu: str | None = None,
+    imu: str | Path | None = None,
     profile: str = PROFILES[0],
     limits: Mapping[str, float] | DiagnosisLimits | None = None,
     **options: Any,
@@ -106,22 +119,24 @@ def diagnose(
     :raises NoPairs: there are too few poses, or the two have no time in common.
     :raises VioEvalError: what else :func:`evaluate` raises; there is no such profile or limit.
     """
-    path = _path(recording)
-    one, other = _sources(estimate, ground_truth, path, _path(times))
+    path, stamps = _path('recording', recording), _path('times', times)
+    gyroscope = None if imu is None else _spec('imu', imu)
+    one, other = _sources(estimate, ground_truth, path, stamps)
     found = diagnose_sources(
         one,
         other,
         _config(options),
         profile=profile,
         limits=_limits(DiagnosisLimits, profile, limits),
-        gyroscope=None if imu is None else read_gyroscope(imu, path, silent),
+        gyroscope=None if gyroscope is None else read_gyroscope(gyroscope, path, silent),
     )
     return Diagnosis(**_values(found))
 
 
+@_files()
 def inspect(
     recording: str | Path,
-    calibrations: Sequence[str | Path] = (),
+    calibrations: str | Path | Iterable[str | Path] = (),
     *,
     expectations: str | Path | None = None,
     profile: str = PROFILES[0],
@@ -136,16 +151,18 @@ def inspect(
     :param profile: as for :func:`diagnose`; ``limits`` likewise.
     :raises VioEvalError: a file cannot be read or makes no sense.
     """
+    expected = _path('expectations', expectations)
     found = inspect_recording(
-        Path(recording),
-        [Path(path) for path in calibrations],
-        None if expectations is None else Expectations.load(Path(expectations)),
+        _required('recording', recording),
+        [_required('calibrations', path) for path in _listed('calibrations', calibrations)],
+        None if expected is None else Expectations.load(expected),
         profile=profile,
         limits=_limits(InspectionLimits, profile, limits),
     )
     return Inspection(**_values(found))
 
 
+@_files()
 def imu_noise(
     recording: str | Path,
     topic: str | None = None,
@@ -167,7 +184,7 @@ def imu_noise(
     :raises VioEvalError: it cannot be read, is too short, or allantools is not installed.
     """
     found = noise_of(
-        recording,
+        _required('recording', recording),
         topic,
         gyro_unit=gyro_unit,
         accel_unit=accel_unit,
@@ -199,8 +216,44 @@ def _config(options: dict[str, Any]) -> EvaluationConfig:
     return config
 
 
-def _path(path: str | Path | None) -> Path | None:
-    return None if path is None else Path(path)
+def _gates(given: Any) -> list[Gate]:
+    """Return the gates that texts, or gates, state; one alone needs no list."""
+    gates = [given] if isinstance(given, Gate) else _listed('gates', given)
+    for gate in gates:
+        if not isinstance(gate, (str, Gate)):
+            raise ConfigError(
+                f"gates: expected texts such as 'ate_trans_rmse_m<=0.1', got {type(gate).__name__}"
+            )
+    return [gate.checked() if isinstance(gate, Gate) else Gate.parse(gate) for gate in gates]
+
+
+def _listed(name: str, given: Any) -> list[Any]:
+    """Return the items of a list; a text or path is one item."""
+    if isinstance(given, (str, PathLike)):
+        return [given]
+    if isinstance(given, Mapping) or not isinstance(given, Iterable):
+        raise ConfigError(f'{name}: expected a list, got {type(given).__name__}')
+    return list(given)
+
+
+def _required(name: str, path: Any) -> Path:
+    """Return a path; ``InputError`` for what cannot be one."""
+    if not isinstance(path, (str, PathLike)):
+        raise InputError(f'{name}: expected a path, got {type(path).__name__}')
+    if not str(path):
+        raise InputError(f"{name}: expected a path, got ''")
+    return Path(path)
+
+
+def _spec(name: str, spec: Any) -> str:
+    """Return the text of a source spec, as it was written."""
+    if not isinstance(spec, (str, PathLike)):
+        raise InputError(f'{name}: expected a source spec or a path, got {type(spec).__name__}')
+    return str(spec)
+
+
+def _path(name: str, path: Any) -> Path | None:
+    return None if path is None else _required(name, path)
 
 
 def _sources(

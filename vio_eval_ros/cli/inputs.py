@@ -43,7 +43,10 @@ def sources_of(arguments: argparse.Namespace) -> list[Source]:
         if recording is None:
             raise ConfigError('give a RECORDING, or both --estimate and --ground-truth')
         defaults = default_topics(recording, *specs)
-        specs = [given or default for given, default in zip(specs, defaults, strict=True)]
+        specs = [
+            default if given is None else given
+            for given, default in zip(specs, defaults, strict=True)
+        ]
     elif recording is not None and all(Spec.parse(spec).path for spec in specs):
         raise ConfigError(f'{recording} is not used: --estimate and --ground-truth are elsewhere')
     sources = read_sources(specs, recording, arguments.times, progress)

@@ -186,24 +186,30 @@ def plain(value: float) -> str:
     return f'{value:.9f}'.rstrip('0').rstrip('.')
 
 
-def nearest_name(name: str, known: Any) -> str:
+def nearest_name(name: object, known: Any) -> str:
     """Return '; did you mean ...?' where a known name is close, else nothing."""
     import difflib
 
-    close = difflib.get_close_matches(name, list(known), n=1)
+    close = difflib.get_close_matches(str(name), list(known), n=1)
     return f"; did you mean '{close[0]}'?" if close else ''
 
 
 def _shown(value: Any) -> str:
     """Return a value as an error shows it, truncated where it is long."""
+    if value is None:
+        return 'nothing'
+    if isinstance(value, (list, tuple)):
+        return 'a list'
     if not isinstance(value, (str, int, float)):
-        return 'a list' if isinstance(value, (list, tuple)) else 'nothing or a mapping'
+        return 'a mapping' if isinstance(value, Mapping) else f'a {type(value).__name__}'
     text = f"'{value}'"
     return text if len(text) <= 60 else text[:60] + "...'"
 
 
 def _typed(name: str, value: Any, kind: Any) -> Any:
     """Return the value as the type that the annotation ``kind`` of the option names."""
+    if hasattr(value, 'tolist'):  # numbers and arrays of NumPy
+        value = value.tolist()
     if kind == 'str':
         if isinstance(value, str):
             return value

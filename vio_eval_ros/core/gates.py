@@ -37,6 +37,15 @@ class Gate(NamedTuple):
             )
         return cls(match[1], match[2], _limit(match[1], match[3]))
 
+    def checked(self) -> Gate:
+        """Return the gate; ``ConfigError`` where one of its parts makes no sense."""
+        if self.comparison not in LIMITS.values() or self.severity not in SEVERITIES:
+            raise ConfigError(
+                f"gate {self.metric}: expected '<=' or '>=', and 'fail' or 'warn', got "
+                f"'{self.comparison}' and '{self.severity}'"
+            )
+        return self._replace(limit=_limit(self.metric, self.limit))
+
     @classmethod
     def from_mapping(cls, limits: Mapping[str, Any]) -> list[Gate]:
         """Return the gates of ``{metric: {max: number, min: number, warn: number}}``."""

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from types import NoneType
 from typing import Any, ClassVar, NamedTuple, TypeVar
 
 from vio_eval_ros.core.config import nearest_name, Options
@@ -67,6 +68,10 @@ class Limits(Options):
             raise ConfigError(
                 f"profile: '{profile}' is not one of {', '.join(PROFILES)}"
                 + nearest_name(profile, PROFILES)
+            )
+        if not isinstance(stated, (Mapping, NoneType)):
+            raise ConfigError(
+                f'limits: expected a mapping of names to numbers, got {type(stated).__name__}'
             )
         return cls.from_mapping({**cls.PROFILED.get(profile, {}), **(stated or {})})
 

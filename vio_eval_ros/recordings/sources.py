@@ -138,8 +138,8 @@ def default_topics(
     others = [name for name in names if name not in (estimate, ground_truth)]
     truths = [name for name in others if re.search(TRUTH_WORDS, name.lower())]
     estimates = [name for name in others if name not in truths]
-    truths = [ground_truth] if ground_truth else truths
-    estimates = [estimate] if estimate else estimates
+    truths = truths if ground_truth is None else [ground_truth]
+    estimates = estimates if estimate is None else [estimate]
     if len(estimates) == 1 and len(truths) == 1:
         return estimates[0], truths[0]
     advice = 'choose topics with --estimate and --ground-truth; ' if has_choice else ''

@@ -49,6 +49,8 @@ class Spec(NamedTuple):
         if '?' in text and exists(Path(text)):
             return cls(Path(text), None, {})
         body, _, query = text.partition('?')
+        if not body:
+            raise ConfigError(f"'{text}': expected a topic or a file, got nothing")
         stated = parse_qsl(query, keep_blank_values=True)
         statements = dict(stated)
         if len(statements) < len(stated):

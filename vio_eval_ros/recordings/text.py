@@ -42,6 +42,8 @@ def read_text(path: Path, progress: Progress = silent) -> TextFile:
         data = path.read_bytes()
     except OSError as error:
         raise ReadError(path, error.strerror or str(error)) from None
+    except ValueError as error:  # a null character in the path
+        raise ReadError(path, str(error)) from None
     if not data or data.isspace():
         raise ReadError(path, 'the file is empty')
     if b'\0' in data[:BLOCK_BYTES]:
