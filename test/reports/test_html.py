@@ -217,7 +217,7 @@ def test_what_is_a_jump_is_told_and_documented(result, report, parsed):
         parsed(report).text
     )
     document = (Path(__file__).resolve().parents[2] / 'docs/scoring.md').read_text()
-    assert f'{MIN_JUMP_M:g} m, and more than {JUMP_OVER_P95:g} times' in document
+    assert f'{MIN_JUMP_M:g} m and {JUMP_OVER_P95:g} times' in document
     assert drawn.least_jump >= MIN_JUMP_M
     assert np.quantile(drawn.steps, 0.95) * JUMP_OVER_P95 <= drawn.least_jump
 
