@@ -49,22 +49,22 @@ def normal(random: np.random.Generator, spread: float, runs: int) -> np.ndarray:
 
 
 def lognormal(random: np.random.Generator, spread: float, runs: int) -> np.ndarray:
-    """Return runs whose median is 1 and that are sooner much worse than much better."""
+    """Return runs with a median of 1 that are skewed towards large errors."""
     return np.exp(spread * random.standard_normal(runs))
 
 
 def heavy_tailed(random: np.random.Generator, spread: float, runs: int) -> np.ndarray:
-    """Return runs of Student's distribution with 3 degrees of freedom, some of them far off."""
+    """Return runs of Student's t distribution with 3 degrees of freedom: some are outliers."""
     return np.maximum(1 + spread / math.sqrt(3) * random.standard_t(3, runs), 0.1)
 
 
 def with_outliers(random: np.random.Generator, spread: float, runs: int) -> np.ndarray:
-    """Return runs of which one in ten is twice as bad as it would have been."""
+    """Return runs of which one in ten has twice its error."""
     return lognormal(random, spread, runs) * np.where(random.random(runs) < 0.1, 2.0, 1.0)
 
 
 def after_a_failure(random: np.random.Generator, spread: float, runs: int) -> np.ndarray:
-    """Return runs of which the first went wrong altogether."""
+    """Return runs of which the first is an outlier."""
     return lognormal(random, spread, runs) * np.where(np.arange(runs) == 0, 10.0, 1.0)
 
 
@@ -76,14 +76,14 @@ STACKS: dict[str, Draw] = {
 
 
 class Rates(NamedTuple):
-    """How many of the comparisons failed without a change, and with one."""
+    """The share of comparisons that failed without a change, and with one."""
 
     false: float
     caught: float
 
     @property
     def met(self) -> bool:
-        """Whether both are as they should be."""
+        """Whether both meet their targets."""
         return self.false <= MOST_FALSE and self.caught >= LEAST_CAUGHT
 
     def cells(self) -> str:
@@ -97,7 +97,7 @@ def percent(share: float, digits: int = 0) -> str:
 
 
 class Side(NamedTuple):
-    """How many runs one of the two has, of which spread and distribution."""
+    """The number of runs of one side, their spread and distribution."""
 
     runs: int = RUNS
     spread: float = SPREAD
@@ -105,7 +105,7 @@ class Side(NamedTuple):
 
 
 def rates(before: Side, after: Side) -> Rates:
-    """Return how often the default rule fails a stack that is the same, and one that is worse."""
+    """Return how often the default rule fails an unchanged stack, and a worse one."""
     random = np.random.default_rng(1)
 
     def share(factor: float) -> float:
@@ -119,7 +119,7 @@ def rates(before: Side, after: Side) -> Rates:
 
 
 def end_to_end() -> Rates:
-    """Return the same of files on disk, which ``score`` is given as its users would."""
+    """Return the same from files on disk, through ``score`` as its users call it."""
     with TemporaryDirectory() as name:
         folder = Path(name)
         for stack, factor in (('before', 1.0), ('same', 1.0), ('worse', WORSE)):
@@ -146,7 +146,7 @@ def write_suite(folder: Path, stack: str, factor: float) -> None:
 
 
 def scaled(error: float) -> Drift:
-    """Return a drift whose errors, and so the ATE, are so many times those of the default."""
+    """Return a drift whose errors, and so the ATE, are a multiple of the default's."""
     usual = Drift()
     return Drift(
         error * usual.position_walk,
@@ -158,7 +158,7 @@ def scaled(error: float) -> Drift:
 
 
 def share_of_worse(folder: Path, stack: str) -> float:
-    """Return which share of the sequences is worse than the baseline's."""
+    """Return the share of sequences that are worse than the baseline."""
     result = json.loads(
         score(folder / f'{stack}.yaml', '--baseline', folder / 'baseline.json', '--json')
     )
@@ -167,7 +167,7 @@ def share_of_worse(folder: Path, stack: str) -> float:
 
 
 def score(*arguments: object) -> str:
-    """Return what ``score`` prints; it must have been able to do its work."""
+    """Return what ``score`` prints; exit if it could not score."""
     done = subprocess.run(
         [*SCORE, *map(str, arguments)],
         capture_output=True,
@@ -181,7 +181,7 @@ def score(*arguments: object) -> str:
 
 
 def section(main: dict[str, Rates], through: Rates) -> Iterator[str]:
-    """Yield the lines that the document has between its marks."""
+    """Yield the lines that the document has between its markers."""
     head = f'no change: failed | {percent(WORSE - 1)} worse: caught |'
     yield f'| runs of a stack are | {head}'
     yield '|---|---:|---:|'
@@ -216,7 +216,7 @@ def section(main: dict[str, Rates], through: Rates) -> Iterator[str]:
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Measure, and write or check; return 1 where something is not as it should be."""
+    """Measure, and write or check; return 1 if a target is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--check', action='store_true', help='write nothing')
     check = parser.parse_args(arguments).check

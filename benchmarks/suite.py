@@ -1,7 +1,7 @@
 """
-Times score on a hundred runs of EuRoC size against evo, called for each of them.
+Times score on a hundred runs of EuRoC size against evo, which is called once per run.
 
-Writes the section Suites of docs/benchmarks.md, with --quick only prints; exits with 1 where the
+Writes the section Suites of docs/benchmarks.md (only prints with --quick); exits with 1 if the
 target is missed.
 """
 
@@ -48,7 +48,7 @@ def write_runs(folder: Path, count: int) -> Path:
 
 
 def of_evo(bench: Bench, folder: Path, count: int) -> tuple[dict[str, float], list[float]]:
-    """Return how long each of evo's commands took for all runs, and the errors that it found."""
+    """Return how long each command of evo took for all runs, and the errors that it found."""
     seconds, errors = dict.fromkeys(EVO, 0.0), []
     for k in range(count):
         pair = [str(folder / 'truth.txt'), str(folder / f'run_{k:03}.txt')]
@@ -74,7 +74,7 @@ def check(found: str, errors: Sequence[float]) -> None:
 def section(
     promised: Target, ours: dict[str, list[float]], theirs: dict[str, float], count: int
 ) -> Iterator[str]:
-    """Yield the figures as Markdown."""
+    """Yield the measurements as Markdown."""
     total = sum(theirs.values())
     yield (
         f'`score` on {count} runs beside `evo_ape` and `evo_rpe`, called {count} times each, one '
@@ -105,7 +105,7 @@ def main() -> int:
     """Measure and write; return 1 where the target is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        '--quick', action='store_true', help='ten runs, and leave docs/benchmarks.md as it is'
+        '--quick', action='store_true', help='ten runs only, and do not write docs/benchmarks.md'
     )
     quick = parser.parse_args().quick
     count = 10 if quick else RUNS

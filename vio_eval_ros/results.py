@@ -76,8 +76,9 @@ class Result(RunResult):
         except ImportError:
             raise ConfigError("a plot needs plotly: pip install 'vio_eval_ros[report]'") from None
         from vio_eval_ros.reports import plots
+        from vio_eval_ros.reports.drawn_run import DrawnRun
 
-        drawn = plots.DrawnRun.of(self)
+        drawn = DrawnRun.of(self)
         if what == 'errors':
             rmse_m, rmse_deg = self.metrics['ate_trans_rmse_m'], self.metrics['ate_rot_rmse_deg']
             figure = plots.errors_over_time(drawn, rmse_m, rmse_deg)

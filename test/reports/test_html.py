@@ -27,16 +27,9 @@ from vio_eval_ros.rendering.figures import boxes
 from vio_eval_ros.rendering.page import html, tag
 from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.reports import REPORTS
+from vio_eval_ros.reports.drawn_run import DrawnRun, JUMP_OVER_P95, MIN_JUMP_M, MOST_POINTS
 from vio_eval_ros.reports.html import html_report
-from vio_eval_ros.reports.plots import (
-    DrawnRun,
-    JUMP_OVER_P95,
-    MIN_JUMP_M,
-    MOST_POINTS,
-    relative_samples,
-    segment_samples,
-    usual_lengths,
-)
+from vio_eval_ros.reports.plots import relative_samples, segment_samples, usual_lengths
 from vio_eval_ros.simulation import simulate
 
 HOSTILE = '</script><script>hacked=1</script><img src=x onerror="hacked=2">\'"&amp;%{x}\x1b\x00'

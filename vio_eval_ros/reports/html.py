@@ -22,11 +22,10 @@ from vio_eval_ros.rendering.page import (
     warnings,
 )
 from vio_eval_ros.rendering.text import number, percent
+from vio_eval_ros.reports.drawn_run import DrawnRun, MOST_POINTS
 from vio_eval_ros.reports.plots import (
-    DrawnRun,
     errors_over_time,
     GAP,
-    MOST_POINTS,
     path_3d,
     path_from_above,
     RAMP,

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cached_property
 from itertools import pairwise
 import math
 
@@ -12,7 +10,6 @@ import numpy as np
 
 from vio_eval_ros.core.config import Delta, plain
 from vio_eval_ros.core.intervals import longest_tracked
-from vio_eval_ros.core.metrics import position_errors, rotation_errors
 from vio_eval_ros.core.relative import (
     candidates,
     progress_along,
@@ -20,30 +17,11 @@ from vio_eval_ros.core.relative import (
     RPE_KINDS,
     segment_errors,
 )
-from vio_eval_ros.core.steps import jump_limit, step_errors
-from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.evaluation.result import Result
-from vio_eval_ros.rendering.figures import (
-    AMBER,
-    axis,
-    BLUE,
-    extremes,
-    Figure,
-    GREY,
-    layout,
-    numbers,
-    RED,
-)
+from vio_eval_ros.rendering.figures import AMBER, axis, BLUE, Figure, GREY, layout, numbers, RED
+from vio_eval_ros.reports.drawn_run import DrawnRun
 
-MOST_POINTS = 2000
-#: a jump is a step from one pair to the next in which the aligned estimate moves otherwise than
-#: the ground truth by more than both: this, and this many times what 95 % of the steps are off by
-MIN_JUMP_M = 0.05
-JUMP_OVER_P95 = 5.0
 MOST_MARKS = 100
-# coordinates this many times larger than the run is long are drawn from an origin near it: the
-# graphics card has single precision
-FAR_AWAY = 100.0
 #: from no error to the largest; calm to hot, on light and dark alike
 RAMP = ('#3569b0', '#2aa3a3', '#86b63c', '#e6a426', '#d1382c')
 LEVELS = 16
@@ -60,134 +38,6 @@ QUIET = {'hoverinfo': 'skip'}
 START = {'mode': 'markers', 'hovertemplate': 'start<extra></extra>'}
 NOWHERE = {'mode': 'markers', 'x': [None], 'y': [None]}
 GAP = 'rgba(128,128,128,0.22)'
-
-
-@dataclass(frozen=True, eq=False)
-class DrawnRun:
-    """
-    A run as it is drawn: positions and errors over time.
-
-    :param seconds: (N,) since the first ground truth.
-    :param end: of the ground truth, on the same clock.
-    :param estimate: (N, 3) metres, aligned.
-    :param truth: (N, 3) metres.
-    :param errors: (N,) of position, metres.
-    :param angles: (N,) of rotation, degrees; NaN where unknown.
-    :param longest_s: longer intervals without pairs are gaps.
-    :param most_points: drawn of each line.
-    :param whole: the ground truth including what has no pairs, if it is known.
-    """
-
-    seconds: np.ndarray
-    end: float
-    estimate: np.ndarray
-    truth: np.ndarray
-    errors: np.ndarray
-    angles: np.ndarray
-    longest_s: float
-    most_points: int = MOST_POINTS
-    whole: Trajectory | None = None
-
-    @classmethod
-    def of(cls, result: Result, most_points: int = MOST_POINTS) -> DrawnRun:
-        """Return how a result is drawn."""
-        pairs, alignment = result.summary.pairs, result.summary.alignment
-        first_ns = result.ground_truth.first_stamp_ns or 0
-        last_ns = result.ground_truth.last_stamp_ns or 0
-        seconds = (pairs.estimate.stamps_ns - first_ns) / 1e9
-        usual = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
-        return cls(
-            seconds=seconds,
-            end=(last_ns - first_ns) / 1e9,
-            estimate=alignment.positions(pairs.estimate.positions),
-            truth=pairs.ground_truth.positions,
-            errors=position_errors(pairs, alignment),
-            angles=rotation_errors(pairs, alignment),
-            longest_s=longest_tracked(result.config.max_gap_s, usual),
-            most_points=most_points,
-            whole=result.truth,
-        )
-
-    @cached_property
-    def gaps(self) -> list[tuple[float, float]]:
-        """Intervals of the ground truth without pairs: begin and end [s]."""
-        bounds = np.concatenate([[min(0.0, self.seconds[0])], self.seconds, [self.end]])
-        found = np.flatnonzero(np.diff(bounds) > self.longest_s)
-        return [(float(bounds[k]), float(bounds[k + 1])) for k in found]
-
-    @cached_property
-    def jumps(self) -> list[tuple[int, float]]:
-        """The pairs to which the estimate jumped, and how far [m], the largest first."""
-        found = np.flatnonzero(self.steps > self.least_jump)
-        sizes = ((int(k) + 1, float(self.steps[k])) for k in found)
-        return sorted(sizes, key=lambda jump: -jump[1])
-
-    @cached_property
-    def least_jump(self) -> float:
-        """The error of a step [m] above which it is a jump."""
-        if not len(self.steps):
-            return MIN_JUMP_M
-        return jump_limit(self.steps, MIN_JUMP_M, JUMP_OVER_P95, 0.95)
-
-    @cached_property
-    def steps(self) -> np.ndarray:
-        """(N - 1,) metres: the errors of the steps from one pair to the next."""
-        return step_errors(self.estimate, self.truth)
-
-    @cached_property
-    def hottest(self) -> float:
-        """The error with the last colour of the ramp: the 95th percentile [m]."""
-        return max(float(np.quantile(self.errors, 0.95)), 1e-9)
-
-    @cached_property
-    def labels(self) -> list[str]:
-        """The titles of the axes x, y and z."""
-        return [
-            f'{name} [m]' if not origin else f'{name} - {plain(float(origin))} [m]'
-            for name, origin in zip('xyz', self.origin, strict=True)
-        ]
-
-    @cached_property
-    def origin(self) -> np.ndarray:
-        """(3,) metres, the origin of the drawing: 0 unless all positions are far from it."""
-        extent = float(np.ptp(self.truth, axis=0).max())
-        far = np.abs(self.truth).max() > FAR_AWAY * max(extent, 1.0)
-        return np.round(self.truth[0]) if far else np.zeros(3)
-
-    @property
-    def axes_from_above(self) -> str:
-        """The horizontal axes: x and y, or x and z where the run is flat in y (a camera frame)."""
-        extent = np.ptp(self.truth, axis=0)
-        return 'xz' if extent[1] < min(extent[0], 0.5 * extent[2]) else 'xy'
-
-    def evenly_spaced(self) -> np.ndarray:
-        """Return evenly spaced pairs, the first and last among them."""
-        count = min(len(self.seconds), self.most_points)
-        return np.unique(np.linspace(0, len(self.seconds) - 1, count).round().astype(int))
-
-    def extremes(self, values: np.ndarray) -> np.ndarray:
-        """Return pairs that keep the outline of a curve, the first and last among them."""
-        if len(values) <= self.most_points or math.isnan(values.sum()):
-            return self.evenly_spaced()
-        return np.union1d([0, len(values) - 1], extremes(values, self.most_points))
-
-    def gap_between(self, chosen: np.ndarray) -> np.ndarray:
-        """Return whether there is a gap between each chosen pair and the next."""
-        passed = np.concatenate([[0], np.cumsum(np.diff(self.seconds) > self.longest_s)])
-        return np.diff(passed[chosen]) > 0
-
-    def broken(self, values: np.ndarray, chosen: np.ndarray) -> list[float | None]:
-        """Return the chosen values, with None where there is a gap between two of them."""
-        holes = np.flatnonzero(self.gap_between(chosen)) + 1
-        return numbers(np.insert(values[chosen], holes, math.nan))
-
-    def places(self, positions: np.ndarray, names: str, chosen: np.ndarray) -> Figure:
-        """Return chosen positions along some axes as plotly's x, y and z."""
-        shown = positions - self.origin
-        return {
-            axis: self.broken(shown[:, 'xyz'.index(name)], chosen)
-            for axis, name in zip('xyz', names, strict=False)
-        }
 
 
 def path_3d(run: DrawnRun) -> Figure:
