@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from functools import cache
 import json
 import math
@@ -565,3 +566,43 @@ def test_the_face_has_all_that_it_promises():
 def test_command_lines_start_without_the_face():
     code = 'import sys, vio_eval_ros; sys.exit("numpy" in sys.modules)'
     assert subprocess.run([sys.executable, '-c', code]).returncode == 0
+
+
+def test_a_recording_or_times_that_nothing_uses_is_an_error():
+    both = (STAMPS, POSITIONS), (STAMPS, POSITIONS)
+    with pytest.raises(vio.ConfigError, match=r'recording: none\.bag is not used'):
+        vio.evaluate(*both, recording='none.bag')
+    with pytest.raises(vio.ConfigError, match='times: needs a KITTI pose file'):
+        vio.evaluate(*both, times='times.txt')
+    with pytest.raises(vio.ReadError, match='no such file; for a topic, give recording='):
+        vio.evaluate('/vio/odometry', both[1])
+
+
+def test_a_source_made_by_hand_is_checked():
+    poses = vio.trajectory(STAMPS, POSITIONS).poses
+    short = dataclasses.replace(poses, stamps_ns=STAMPS[:5])
+    for wrong, message in (
+        (POSITIONS, r'estimate: poses: expected Poses, got ndarray of shape \(20, 3\)'),
+        (short, r'estimate: positions: expected shape \(5, 3\), got \(20, 3\)'),
+    ):
+        with pytest.raises(vio.InputError, match=message):
+            vio.evaluate(vio.Source('mine', 'tum', (), wrong), (STAMPS, POSITIONS))
+
+
+def test_a_run_that_is_over_at_once_may_have_another_unit():
+    microseconds = STAMPS // 10**5 * 1000  # at 10 Hz: 1 ms apart if they were nanoseconds
+    result = vio.evaluate((microseconds, POSITIONS), (microseconds, POSITIONS))
+    warning = 'arrays: all stamps within 0.019 s; are they nanoseconds?'
+    assert warning in result.warnings
+
+
+def test_a_diagnosis_of_arrays_gives_no_convention_to_append_to_a_file():
+    estimate, truth = (
+        vio.read(topic, FLIGHT) for topic in ('/vio/odometry', '/ground_truth/pose')
+    )
+    w_first = vio.trajectory(
+        estimate.stamps_ns, estimate.positions, np.roll(estimate.rotations, 1, axis=1)
+    )
+    cause = vio.diagnose(w_first, truth).causes[0]
+    assert cause.name == 'quaternion_order'
+    assert cause.flags == ()

@@ -215,3 +215,8 @@ def test_listing_the_verbs_imports_none_of_them():
         "import sys, vio_eval_ros.__main__ as m; m.main(['-h']); sys.exit('numpy' in sys.modules)"
     )
     run(sys.executable, '-c', code, cwd=ROOT)
+
+
+def test_the_version_is_printed(capsys):
+    assert main(['--version']) == 0
+    assert capsys.readouterr().out == f'vio_eval {__version__}\n'

@@ -14,6 +14,7 @@ import os
 import sys
 
 from vio_eval_ros.cli.command import called_as, COMMAND
+from vio_eval_ros.version import __version__
 
 #: Every verb: the module whose ``main`` runs it, and what it does. ``setup.py`` reads it too.
 VERBS: dict[str, tuple[str, str]] = {
@@ -48,11 +49,14 @@ def main(argv: list[str] | None = None) -> int:
         print(_usage(), file=sys.stderr)
         return 2
     verb, *arguments = argv
-    if verb in ('-h', '--help'):
+    if verb in ('-h', '--help', 'help'):
         try:
             print(_usage(), flush=True)
         except BrokenPipeError:  # whoever reads it, such as head, has seen enough
             sys.stdout = None  # type: ignore[assignment]
+        return 0
+    if verb == '--version':
+        print(f'{COMMAND} {__version__}')
         return 0
     if verb not in VERBS:
         near = difflib.get_close_matches(verb, VERBS, n=1, cutoff=0.5)

@@ -32,6 +32,7 @@ from vio_eval_ros.inspection.recording import inspect_recording
 from vio_eval_ros.recordings.arrays import source_of, TrajectoryLike
 from vio_eval_ros.recordings.progress import silent
 from vio_eval_ros.recordings.sources import default_topics, read_sources, Source
+from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.results import Diagnosis, ImuNoise, Inspection, Result
 
 
@@ -272,7 +273,14 @@ def _sources(
         topics = default_topics(recording, *specs)
         given = [topic if one is None else one for one, topic in zip(given, topics, strict=True)]
     named = {k: str(one) for k, one in enumerate(given) if isinstance(one, (str, Path))}
+    topics_of_it = [spec for spec in named.values() if Spec.parse(spec).path is None]
+    if recording is None and topics_of_it:
+        raise ReadError(topics_of_it[0], 'no such file; for a topic, give recording= as well')
+    if recording is not None and not topics_of_it:
+        raise ConfigError(f'recording: {recording} is not used, neither input is a topic of it')
     read = dict(zip(named, read_sources(list(named.values()), recording, times), strict=True))
+    if times is not None and not any(source.kind == 'kitti' for source in read.values()):
+        raise ConfigError('times: needs a KITTI pose file, and neither input is one')
     names = ('estimate', 'ground_truth')
     one, other = (
         read[k] if k in read else source_of(name, given[k]) for k, name in enumerate(names)

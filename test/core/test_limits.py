@@ -40,7 +40,7 @@ def test_a_wrong_profile_or_limit_is_an_error_that_says_what_there_is():
     with pytest.raises(ConfigError, match=r"profile: 'cra' is not one of .*did you mean 'car'"):
         Healthy.of('cra')
     with pytest.raises(
-        ConfigError, match="unknown option 'scale_pct'; did you mean 'scale_percent'"
+        ConfigError, match="there is no limit 'scale_pct' here; did you mean 'scale_percent'"
     ):
         Healthy.of('car', {'scale_pct': 1})
     with pytest.raises(ConfigError, match='gap_s: -1 is below 0'):

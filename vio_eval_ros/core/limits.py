@@ -73,6 +73,10 @@ class Limits(Options):
             raise ConfigError(
                 f'limits: expected a mapping of names to numbers, got {type(stated).__name__}'
             )
+        names = [item.name for item in fields(cls)]
+        for name in stated or ():
+            if name not in names:
+                raise ConfigError(f"there is no limit '{name}' here{nearest_name(name, names)}")
         return cls.from_mapping({**cls.PROFILED.get(profile, {}), **(stated or {})})
 
     @classmethod

@@ -93,6 +93,8 @@ def _without_stated_flags(sources: Mapping[str, Source], diagnosis: Diagnosis) -
         stated = cause.flags == (f'?quaternion={order}',)
         if cause.name == 'quaternion_order' and (stated or spec.topic):
             misread.add(cause.side)
+        if source.kind == 'arrays':  # conventions are stated of files only
+            cause = replace(cause, flags=tuple(f for f in cause.flags if not f.startswith('?')))
         kept = cause.side not in misread or cause.flags[:1] == ('--time-offset-s',)
         causes.append(cause if kept else replace(cause, flags=()))
     return replace(diagnosis, causes=tuple(causes))

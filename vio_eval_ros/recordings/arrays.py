@@ -27,6 +27,8 @@ POSITION, ROTATION = ['x', 'y', 'z'], ['qx', 'qy', 'qz', 'qw']
 SHORTEST_PERIOD_NS = 200_000
 #: within these, sums and differences of stamps fit into int64; it is the year 2116
 LATEST_NS = 1 << 62
+#: of a run; shorter ones may have stamps of another unit
+SHORTEST_RUN_S = 1.0
 INDEX_FORMS = 'dates, float seconds or integer nanoseconds'
 
 Columns = tuple[ArrayLike, ArrayLike, ArrayLike | None]
@@ -51,9 +53,9 @@ def trajectory(
 
 def source_of(name: str, value: Any) -> Source:
     """Return what a value that is not a spec holds; errors begin with its name."""
-    if isinstance(value, Source):
-        return value
     try:
+        if isinstance(value, Source):
+            return _checked(value)
         if isinstance(value, Poses):
             stamps_ns = _stamps(np.asarray(value.stamps_ns))
             checked = _of_columns('arrays', stamps_ns, value.positions, value.rotations)
@@ -73,13 +75,29 @@ def source_of(name: str, value: Any) -> Source:
     except InputError as error:
         raise InputError(f'{name}: {error}') from None
     raise InputError(
-        f'{name}: expected a source spec, a path, (stamps, positions, rotations), a DataFrame or '
-        f'what vio.read or vio.trajectory returns, got {_shown(value)}'
+        f'{name}: expected a source spec, a path, a tuple (stamps, positions, rotations), a '
+        f'DataFrame or what vio.read or vio.trajectory returns, got {_shown(value)}'
     )
+
+
+def _checked(source: Source) -> Source:
+    """Return a source whose columns have the right shapes; what is in them is judged later."""
+    poses = source.poses
+    if not isinstance(poses, Poses):
+        raise InputError(f'poses: expected Poses, got {_shown(poses)}')
+    count = len(poses.stamps_ns)
+    for name, expected in (('positions', (count, 3)), ('rotations', (count, 4))):
+        column = getattr(poses, name)
+        if (column is not None or name == 'positions') and np.shape(column) != expected:
+            raise InputError(f'{name}: expected shape {expected}, got {np.shape(column)}')
+    return source
 
 
 def _of_frame(frame: Any) -> Source:
     """Return what a DataFrame holds, with columns as evo's ``pandas_bridge`` names them."""
+    if not frame.columns.is_unique:
+        twice = frame.columns[frame.columns.duplicated()][0]
+        raise InputError(f"expected a DataFrame with unique columns, got '{twice}' twice")
     missing = [name for name in POSITION if name not in frame.columns]
     oriented = [name for name in ROTATION if name in frame.columns]
     if missing or len(oriented) not in (0, 4):
@@ -116,6 +134,8 @@ def _index(index: Any) -> np.ndarray:
             f'index: expected seconds as floats, got {values.flat[0]:.10g}; give nanoseconds as '
             'integers: df.index = df.index.astype("int64")'
         )
+    if len(values) > 1 and np.array_equal(values, np.arange(len(values))):
+        raise InputError(f'index: expected {INDEX_FORMS}, got row numbers 0 to {len(values) - 1}')
     return _stamps(np.round(values * 1e9).astype(np.int64), 'index')
 
 
@@ -170,11 +190,14 @@ def _of_columns(
                 f'rotations: expected unit quaternions x y z w, got zero in row {short.argmax()}; '
                 'leave rotations out where they are unknown'
             )
+    seconds = float(np.ptp(stamps_ns)) / 1e9
+    doubtful = count > 1 and seconds < SHORTEST_RUN_S
     return Source(
         spec=spec,
         kind='arrays',
         paths=(),
         poses=Poses(stamps_ns, positions, rotations),
+        warnings=(f'{spec}: all stamps within {seconds:.3g} s; are they nanoseconds?',) * doubtful,
     )
 
 
