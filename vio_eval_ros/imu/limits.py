@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from vio_eval_ros.core.limits import limit, Limits
 
-SIMULATED = 'chosen on simulated records, docs/imu_noise.md'
+SIMULATED = 'chosen on simulated records'
 
 
 @dataclass(frozen=True)
