@@ -53,7 +53,7 @@ def main(argv: list[str] | None = None) -> int:
         try:
             print(_usage(), flush=True)
         except BrokenPipeError:  # whoever reads it, such as head, has seen enough
-            sys.stdout = None  # type: ignore[assignment]
+            sys.stdout = None
         return 0
     if verb == '--version':
         print(f'{COMMAND} {__version__}')

@@ -249,4 +249,4 @@ def _say(line: str) -> None:
         else:
             print(f'play: {printable(line)}', file=sys.stderr, flush=True)
     except OSError:
-        sys.stderr = None  # type: ignore[assignment]
+        sys.stderr = None

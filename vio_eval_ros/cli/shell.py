@@ -81,7 +81,7 @@ def run(verb: str, main: Callable[[], int]) -> int:
         problem = str(error)
     except BrokenPipeError:
         # the reader of our output is gone; nothing may try to write the rest at exit
-        sys.stdout = None  # type: ignore[assignment]
+        sys.stdout = None
         return UNABLE
     except OSError as error:
         problem = str(error)
@@ -106,7 +106,7 @@ def complain(verb: str, problem: str) -> None:
         if sys.stderr is not None:
             print(f'{verb}: {printable(" ".join(problem.split()))}', file=sys.stderr, flush=True)
     except OSError:
-        sys.stderr = None  # type: ignore[assignment]
+        sys.stderr = None
 
 
 def add_options(parser: argparse.ArgumentParser) -> None:
