@@ -10,7 +10,7 @@ from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.imu.analysis import analyse
 from vio_eval_ros.imu.noise_reports import json_document, kalibr_document, plot, table
 from vio_eval_ros.imu.record import AXES, Record
-from vio_eval_ros.imu.simulated_noise import EUROC, ImuNoise, Noise, simulate_noise
+from vio_eval_ros.imu.simulated_noise import EUROC, Noise, NoiseModel, simulate_noise
 
 pytest.importorskip('allantools')
 
@@ -69,13 +69,13 @@ def test_stated_units_are_not_questioned():
 @pytest.mark.slow
 @pytest.mark.parametrize('density', [2e-6, 1e-5, 1.7e-4, 5e-4])
 def test_no_common_gyroscope_in_radians_is_taken_to_be_in_degrees(density):
-    noise = ImuNoise(Noise(density, 1e-6), EUROC.accel)
+    noise = NoiseModel(Noise(density, 1e-6), EUROC.accel)
     assert analysed(rest(0.1, noise)).units['gyro'] == ('rad/s', 'by default')
 
 
 @pytest.mark.parametrize('count', [10, 15, 40])
 def test_a_gyroscope_of_less_than_a_second_is_judged_by_its_white_noise_at_one(count):
-    noise = ImuNoise(Noise(8e-4, 1e-6), EUROC.accel)
+    noise = NoiseModel(Noise(8e-4, 1e-6), EUROC.accel)
     assert analysed(rest(0.1, noise)[:count]).units['gyro'] == ('rad/s', 'by default')
     degrees = rest(0.1)[:count] / (np.pi / 180)
     assert analysed(degrees).units['gyro'] == ('deg/s', 'by magnitude')
@@ -125,7 +125,7 @@ def test_motion_is_reported_with_its_time(begin_s, end_s, axis, by, told):
 
 @pytest.mark.slow
 def test_a_movement_too_slow_for_seconds_is_seen_in_tens_of_them():
-    samples = rest(noise=ImuNoise(EUROC.gyro, Noise(2e-3, 3e-4)))
+    samples = rest(noise=NoiseModel(EUROC.gyro, Noise(2e-3, 3e-4)))
     samples[:, 3] += 0.17 * np.clip((np.arange(len(samples)) / RATE_HZ - 2_000) / 60, 0, 1)
     (warning,) = [line for line in analysed(samples).warnings if 'not at rest' in line]
     assert 'accel_x changes in' in warning
@@ -145,9 +145,9 @@ def test_many_movements_are_counted_and_the_first_named():
     'noise',
     [
         EUROC,
-        ImuNoise(Noise(1.888e-4, 2.557e-6), Noise(1.6e-3, 2.5e-4, 5e-4)),
-        ImuNoise(Noise(1.7e-4, 1.3e-5, 5e-5), Noise(2e-3, 0.0, 1e-3)),
-        ImuNoise(Noise(1.7e-4, 2e-6, 1e-4), Noise(2e-2, 1e-5)),
+        NoiseModel(Noise(1.888e-4, 2.557e-6), Noise(1.6e-3, 2.5e-4, 5e-4)),
+        NoiseModel(Noise(1.7e-4, 1.3e-5, 5e-5), Noise(2e-3, 0.0, 1e-3)),
+        NoiseModel(Noise(1.7e-4, 2e-6, 1e-4), Noise(2e-2, 1e-5)),
     ],
 )
 @pytest.mark.parametrize('hours', [1 / 3, 2])
@@ -202,7 +202,7 @@ def test_a_vibration_that_raises_the_density_is_reported_with_its_frequency(hz, 
 @pytest.mark.slow
 @pytest.mark.parametrize('share', [0.05, 0.1])
 def test_random_losses_leave_density_and_walk_as_they_are(share):
-    samples = rest(noise=ImuNoise(EUROC.gyro, Noise(2e-3, 3e-3)))
+    samples = rest(noise=NoiseModel(EUROC.gyro, Noise(2e-3, 3e-3)))
     stamps_ns = 20_000_000 * np.arange(len(samples))
     kept = np.random.default_rng(3).random(len(samples)) > share
     found = analysed(samples[kept], stamps_ns=stamps_ns[kept])
@@ -314,7 +314,7 @@ def test_kalibr_s_file_has_its_four_figures_rate_and_topic(still):
 
 @pytest.mark.slow
 def test_kalibr_s_file_is_not_made_of_guesses():
-    noise = ImuNoise(Noise(1.7e-4, 0.0), EUROC.accel)
+    noise = NoiseModel(Noise(1.7e-4, 0.0), EUROC.accel)
     with pytest.raises(ConfigError, match=r'gyroscope_random_walk is not known: .*record longer'):
         kalibr_document(analysed(rest(0.2, noise)))
 

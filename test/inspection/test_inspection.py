@@ -14,7 +14,7 @@ from vio_eval_ros.inspection.figures import period_over_time, timeline
 from vio_eval_ros.inspection.finding import Finding
 from vio_eval_ros.inspection.html_report import html_document
 from vio_eval_ros.inspection.inspection import inspect_streams as inspect
-from vio_eval_ros.inspection.inspection import Inspection
+from vio_eval_ros.inspection.inspection import InspectedStreams
 from vio_eval_ros.inspection.report import json_document, Report
 from vio_eval_ros.inspection.text_report import text_document
 
@@ -23,15 +23,15 @@ FIRST_NS = 1_403_636_579_763_555_584
 Rig = dict[str, SensorStream]
 
 
-def inspected(rig: Rig, **changed: SensorStream) -> Inspection:
+def inspected(rig: Rig, **changed: SensorStream) -> InspectedStreams:
     return inspect(list({**rig, **changed}.values()))
 
 
-def wrong(inspection: Inspection) -> set[tuple[str, str]]:
+def wrong(inspection: InspectedStreams) -> set[tuple[str, str]]:
     return {(one.name, one.topic) for one in inspection.findings if one.level != 'info'}
 
 
-def the(inspection: Inspection, name: str) -> Finding:
+def the(inspection: InspectedStreams, name: str) -> Finding:
     (found,) = [one for one in inspection.findings if one.name == name and one.level != 'info']
     return found
 

@@ -10,14 +10,14 @@ from rosbags.highlevel import AnyReader
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.imu.simulated_noise import EUROC, ImuNoise, Noise
+from vio_eval_ros.imu.simulated_noise import EUROC, Noise, NoiseModel
 from vio_eval_ros.simulation import at_rest, Drift, simulate, SimulatedRun
 
 BUNDLED = Path(__file__).resolve().parents[2] / 'demo' / 'simulated_flight'
 NO_DRIFT = Drift(0, 0, 1, 0, 0)
 # The last bits of sines and cosines differ between processors and numpy versions.
 SAME = {'rtol': 0, 'atol': 1e-12}
-NOISELESS = ImuNoise(Noise(0, 0), Noise(0, 0))
+NOISELESS = NoiseModel(Noise(0, 0), Noise(0, 0))
 
 
 @pytest.fixture(scope='module')

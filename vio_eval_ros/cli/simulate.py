@@ -17,7 +17,7 @@ from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError, PASSED
 from vio_eval_ros.imu.analysis import KALIBR
 from vio_eval_ros.imu.fit import PARAMETERS
-from vio_eval_ros.imu.simulated_noise import EUROC, ImuNoise, Noise
+from vio_eval_ros.imu.simulated_noise import EUROC, Noise, NoiseModel
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.rendering.text import printable
 from vio_eval_ros.settings import finite, load_yaml
@@ -191,7 +191,7 @@ def _drift(texts: Sequence[str]) -> Drift:
     return drift
 
 
-def _noise(arguments: argparse.Namespace) -> ImuNoise:
+def _noise(arguments: argparse.Namespace) -> NoiseModel:
     """Return the noise of the IMU: of the flags, else of the file, else EuRoC's."""
     stated = {key: getattr(arguments, key) for key in KALIBR}
     values = {key: getattr(getattr(EUROC, kind), name) for key, (kind, name) in KALIBR.items()}
@@ -203,7 +203,7 @@ def _noise(arguments: argparse.Namespace) -> ImuNoise:
         numbers[kind][name] = finite(values[key])
         if not numbers[kind][name] >= 0:
             raise ConfigError(f'{NOISE_FLAGS[key]}: expected a number of at least 0')
-    return ImuNoise(**{kind: Noise(**of_kind) for kind, of_kind in numbers.items()})
+    return NoiseModel(**{kind: Noise(**of_kind) for kind, of_kind in numbers.items()})
 
 
 def _noise_file(path: Path) -> dict[str, Any]:

@@ -60,9 +60,8 @@ class Evaluation:
     def __init__(self, config: EvaluationConfig, max_pairs: int | None = None) -> None:
         self.config = config
         self.associator = Associator(config)
-        self._log = PairLog(
-            2 * (max_pairs or 0)
-        )  # it grows beyond the limit before it is downsampled
+        # it grows beyond the limit before it is downsampled
+        self._log = PairLog(2 * (max_pairs or 0))
         self._max_pairs = max_pairs
         self._metrics = [metric(config) for metric in METRICS.values()]
         self._aligner = Aligner(config.alignment, nanoseconds(config.align_first_s))

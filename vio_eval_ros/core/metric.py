@@ -46,7 +46,7 @@ class Observations:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MetricValues:
     """
     What a family of metrics found.
 
@@ -64,7 +64,7 @@ class Metric:
     def __init__(self, config: EvaluationConfig) -> None:
         self.config = config
 
-    def final(self, observed: Observations) -> Measured:
+    def final(self, observed: Observations) -> MetricValues:
         """Return the metrics over all pairs, in one pass."""
         raise NotImplementedError
 

@@ -18,7 +18,7 @@ from vio_eval_ros.core.alignment import Alignment, MIN_EXTENT_M, Moments, solve
 from vio_eval_ros.core.angles import AngleMoments
 from vio_eval_ros.core.config import Delta, EvaluationConfig, plain
 from vio_eval_ros.core.intervals import longest_tracked, nanoseconds
-from vio_eval_ros.core.metric import Measured, Metric, named, Observations
+from vio_eval_ros.core.metric import Metric, MetricValues, named, Observations
 from vio_eval_ros.core.relative import (
     candidates,
     ErrorMoments,
@@ -63,11 +63,11 @@ class Ate(Metric):
         super().__init__(config)
         self._angles: AngleMoments | None = None
 
-    def final(self, observed: Observations) -> Measured:
+    def final(self, observed: Observations) -> MetricValues:
         """Return all statistics under the chosen alignment, the RMSE under the usual ones."""
         sample, alignment = observed.sample, observed.alignment
         errors = position_errors(sample, alignment)
-        return Measured(
+        return MetricValues(
             named('ate_trans', 'm', errors)
             | named('ate_rot', 'deg', rotation_errors(sample, alignment))
             | _usual_alignments(
@@ -132,7 +132,7 @@ class Rpe(Metric):
         self._deltas = [Delta.parse(text) for text in config.rpe_deltas]
         self._running = [RunningRpe(delta, config.rpe_pairs) for delta in self._deltas]
 
-    def final(self, observed: Observations) -> Measured:
+    def final(self, observed: Observations) -> MetricValues:
         """Return all statistics of the four kinds of error, and how many there are."""
         metrics: dict[str, float] = {}
         warnings: list[str] = []
@@ -148,7 +148,7 @@ class Rpe(Metric):
                 warnings.append(f'rpe_{delta}: no two pairs are {delta} apart')
             elif delta.unit == 'f':
                 warnings += self._bridged_gaps(delta, pairs, begin, end)
-        return Measured(metrics, tuple(warnings))
+        return MetricValues(metrics, tuple(warnings))
 
     def running(self, observed: Observations) -> dict[str, float]:
         """Return the RMSE of the four kinds over the relative motions decided so far."""
@@ -221,7 +221,7 @@ class RunningRpe:
 class Segments(Metric):
     """Drift over lengths of path, as the KITTI benchmark measures it (Geiger et al. 2012)."""
 
-    def final(self, observed: Observations) -> Measured:
+    def final(self, observed: Observations) -> MetricValues:
         """Return the mean drift over each length, and the KITTI mean over 100 to 800 m."""
         pairs, scale = observed.log.since(0), observed.alignment.scale
         path = progress_along(pairs, 'm')
@@ -244,7 +244,7 @@ class Segments(Metric):
                 warnings.append(
                     f'{name} is null: the path of {path[-1]:.4g} m has no segment of that length'
                 )
-        return Measured(metrics | drift('kitti', KITTI_LENGTHS_M), tuple(warnings))
+        return MetricValues(metrics | drift('kitti', KITTI_LENGTHS_M), tuple(warnings))
 
 
 class PathLength(Metric):
@@ -255,14 +255,14 @@ class PathLength(Metric):
         self._length_m = 0.0
         self._last = 0
 
-    def final(self, observed: Observations) -> Measured:
+    def final(self, observed: Observations) -> MetricValues:
         """
         Return the ground truth's path over the pairs, and the drift at the end in percent of it.
 
         The drift is the relative pose error from the first pair to the last.
         """
         path = progress_along(observed.pairs, 'm')
-        return Measured(_drift(observed, float(path[-1]) if len(path) else math.nan))
+        return MetricValues(_drift(observed, float(path[-1]) if len(path) else math.nan))
 
     def running(self, observed: Observations) -> dict[str, float]:
         """Return the same, adding only the path since the last call."""
@@ -285,7 +285,7 @@ def _drift(observed: Observations, length_m: float) -> dict[str, float]:
 class Nees(Metric):
     """Whether the estimate's own covariance is consistent with its errors: 3 is ideal."""
 
-    def final(self, observed: Observations) -> Measured:
+    def final(self, observed: Observations) -> MetricValues:
         """Return the mean squares of position and orientation errors over their covariance."""
         sample, alignment = observed.sample, observed.alignment
         position = orientation = math.nan
@@ -301,7 +301,7 @@ class Nees(Metric):
                 error = rotation.to_rotation_vector(rotation.multiply(back, sample.rotations))
                 orientation = _nees('orientation', sample, error, warnings)
         values = {'nees_position_mean': position, 'nees_orientation_mean': orientation}
-        return Measured(values, tuple(warnings))
+        return MetricValues(values, tuple(warnings))
 
 
 def _nees(name: str, sample: Pairs, errors: np.ndarray, warnings: list[str]) -> float:
@@ -325,7 +325,7 @@ def _nees(name: str, sample: Pairs, errors: np.ndarray, warnings: list[str]) -> 
 class Coverage(Metric):
     """How much of the run was evaluated at all: the condition of every other number."""
 
-    def final(self, observed: Observations) -> Measured:
+    def final(self, observed: Observations) -> MetricValues:
         """Return the share of the time that was tracked, and of the estimates that were paired."""
         warnings = []
         if math.isnan(observed.coverage_ratio) and observed.log.count:
@@ -333,7 +333,7 @@ class Coverage(Metric):
                 'coverage_ratio is null: no two poses of the ground truth are within max_gap_s '
                 f'({self.config.max_gap_s:g} s)'
             )
-        return Measured(self.running(observed), tuple(warnings))
+        return MetricValues(self.running(observed), tuple(warnings))
 
     def running(self, observed: Observations) -> dict[str, float]:
         """Return the same over the run so far."""
@@ -347,7 +347,7 @@ class Coverage(Metric):
 class Revisions(Metric):
     """What a system gained by revising its past, as a loop closure does."""
 
-    def final(self, observed: Observations) -> Measured:
+    def final(self, observed: Observations) -> MetricValues:
         """Return the ATE as first published, and the loop-closure gain: final over causal ATE."""
         causal = observed.causal or {}
         before = causal.get('ate_trans_rmse_m', math.nan)
@@ -361,14 +361,14 @@ class Revisions(Metric):
             'loop_closure_gain': gain,
         }
         if gain > MAX_GAIN:
-            return Measured(
+            return MetricValues(
                 values,
                 (
                     'loop_closure_gain: revising its past multiplied the error of the estimate '
                     f'by {gain:.3g}',
                 ),
             )
-        return Measured(values)
+        return MetricValues(values)
 
 
 def _mean(values: np.ndarray) -> float:

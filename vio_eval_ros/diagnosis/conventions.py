@@ -125,13 +125,13 @@ def find_convention(estimate: Trajectory, truth: Interpolator, lag_s: float) -> 
     """
     stamps_ns = estimate.stamps_ns - round(lag_s * 1e9)
     inside = truth.inside(stamps_ns)
-    motions = RelativeMotions.of(estimate[inside], truth.at(stamps_ns[inside]), stamps_ns, inside)
+    motions = ComparedMotions.of(estimate[inside], truth.at(stamps_ns[inside]), stamps_ns, inside)
     if motions is None:
         return FoundConvention(Convention(), math.nan, math.nan, observable=False)
     return _of_motions(motions)
 
 
-def _of_motions(motions: RelativeMotions) -> FoundConvention:
+def _of_motions(motions: ComparedMotions) -> FoundConvention:
     """Return the convention under which relative motions agree."""
     agreements = motions.under_all_conventions()
     as_is = agreements[0]
@@ -151,7 +151,7 @@ def _of_motions(motions: RelativeMotions) -> FoundConvention:
 
 
 def _rotations_disagree(
-    motions: RelativeMotions, agreements: list[Agreement], limit: float
+    motions: ComparedMotions, agreements: list[Agreement], limit: float
 ) -> FoundConvention:
     """Return the convention of the estimate or of the truth under which rotations agree."""
     found = _most_plausible(agreements, limit)
@@ -163,7 +163,7 @@ def _rotations_disagree(
     )
 
 
-def _mirrored_positions(motions: RelativeMotions, as_is: Agreement) -> FoundConvention | None:
+def _mirrored_positions(motions: ComparedMotions, as_is: Agreement) -> FoundConvention | None:
     """Return the axes of positions that agree only when mirrored, if they do."""
     mirrored = motions.agreement(motions.estimate, parity=-1)
     if not mirrored.position_residual < WRONG_RESIDUAL_RATIO * min(as_is.position_residual, 1.0):
@@ -238,7 +238,7 @@ class Agreement:
         return self.sensor_rad + self.worlds_rad + math.pi * min(self.position_residual, 1.0)
 
 
-class RelativeMotions:
+class ComparedMotions:
     """
     Poses of both sides, with the rows that are a short and a longer time apart.
 
@@ -265,7 +265,7 @@ class RelativeMotions:
     @classmethod
     def of(
         cls, estimate: Trajectory, truth: Trajectory, stamps_ns: np.ndarray, inside: np.ndarray
-    ) -> RelativeMotions | None:
+    ) -> ComparedMotions | None:
         """
         Return the motions of poses; None without rotations or with too few of them.
 
@@ -290,7 +290,7 @@ class RelativeMotions:
     def with_truth_under_all_conventions(self) -> list[Agreement]:
         """Return how the estimate agrees with the truth under every convention of that."""
         return [
-            RelativeMotions(
+            ComparedMotions(
                 self.estimate, convention.undo(self._truth), self._short, self._long
             ).agreement(self.estimate)
             for convention in candidates()

@@ -31,7 +31,7 @@ class Rates(NamedTuple):
     rad_s: np.ndarray
 
 
-class Signal(NamedTuple):
+class SignalFile(NamedTuple):
     """
     A signal in a file.
 
@@ -125,7 +125,7 @@ def read_gyroscope(text: str, recording: Path | None, progress: Progress) -> Rat
     return Rates(stamps_ns, np.radians(rates) if degrees else rates)
 
 
-def read_signal(path: Path) -> Signal:
+def read_signal(path: Path) -> SignalFile:
     """
     Return a signal from a file of time and value.
 
@@ -140,4 +140,4 @@ def read_signal(path: Path) -> Signal:
     if not known.any():
         raise ReadError(path, 'its second column has no finite value')
     kept = stamps_ns[known]
-    return Signal(kept, values[known], len(rows.values) - len(kept))
+    return SignalFile(kept, values[known], len(rows.values) - len(kept))

@@ -24,7 +24,7 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class ImuNoise:
+class NoiseModel:
     """The noise of each axis of the gyroscope and of the accelerometer."""
 
     gyro: Noise
@@ -32,11 +32,11 @@ class ImuNoise:
 
 
 #: The ADIS16448 of EuRoC, as its ``sensor.yaml`` has it.
-EUROC = ImuNoise(gyro=Noise(1.6968e-4, 1.9393e-5), accel=Noise(2.0e-3, 3.0e-3))
+EUROC = NoiseModel(gyro=Noise(1.6968e-4, 1.9393e-5), accel=Noise(2.0e-3, 3.0e-3))
 
 
 def simulate_noise(
-    count: int, rate_hz: float, noise: ImuNoise, source: np.random.Generator
+    count: int, rate_hz: float, noise: NoiseModel, source: np.random.Generator
 ) -> np.ndarray:
     """
     Return noise to be added to true angular rates and specific forces.

@@ -22,7 +22,7 @@ from vio_eval_ros.inspection.calibration_noise import noise_findings, noise_sent
 from vio_eval_ros.inspection.finding import Finding
 from vio_eval_ros.inspection.findings import FINDINGS
 from vio_eval_ros.inspection.inertial import upwards
-from vio_eval_ros.inspection.inspection import Inspection
+from vio_eval_ros.inspection.inspection import InspectedStreams
 from vio_eval_ros.inspection.limits import InspectionLimits
 
 # A translation longer than the limit by this is in millimetres for certain
@@ -68,7 +68,9 @@ class Calibration:
         }
 
 
-def check_calibration(files: Sequence[CalibrationFile], inspection: Inspection) -> Calibration:
+def check_calibration(
+    files: Sequence[CalibrationFile], inspection: InspectedStreams
+) -> Calibration:
     """
     Return what calibration files say, whether it can be so, and whether they agree.
 
@@ -319,7 +321,9 @@ def _in_first_camera(cameras: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     return {name: origin @ matrix for name, matrix in cameras.items()}
 
 
-def _up(file: CalibrationFile, inspection: Inspection, findings: list[Finding]) -> Iterator[str]:
+def _up(
+    file: CalibrationFile, inspection: InspectedStreams, findings: list[Finding]
+) -> Iterator[str]:
     """Yield which axis of each camera points up, if it is fixed to an IMU that stood still."""
     felt = next((e.inertial for e in inspection.streams if e.inertial and e.inertial.up), None)
     if felt is None or not file.has_imu:

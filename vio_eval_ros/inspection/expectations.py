@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.inspection.cameras import Pair
-from vio_eval_ros.inspection.inspection import Inspection
+from vio_eval_ros.inspection.inspection import InspectedStreams
 from vio_eval_ros.inspection.limits import InspectionLimits
 from vio_eval_ros.inspection.measured_stream import Clocks, MeasuredStream
 from vio_eval_ros.settings import finite, load_yaml, Section
@@ -120,7 +120,7 @@ class Expectations:
             _check_pair(section, streams)
         return cls(streams, pairs)
 
-    def check(self, inspection: Inspection) -> list[CheckedExpectation]:
+    def check(self, inspection: InspectedStreams) -> list[CheckedExpectation]:
         """Return what is met and what is not, stream by stream."""
         found = {one.stream.topic: one for one in inspection.streams}
         checked: list[CheckedExpectation] = []
@@ -243,7 +243,7 @@ def _check_of_stream(
 
 
 def _check_of_pair(
-    name: str, section: Section, topics: list[str], inspection: Inspection
+    name: str, section: Section, topics: list[str], inspection: InspectedStreams
 ) -> Iterator[CheckedExpectation]:
     checked = _Subject(name, ', '.join(topics), section.get('level', 'fail')).checked
     pair = next((p for p in inspection.pairs if {p.first, p.second} == set(topics)), None)

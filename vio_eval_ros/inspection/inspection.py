@@ -23,7 +23,7 @@ from vio_eval_ros.inspection.wrong_stamps import corrected
 
 
 @dataclass(frozen=True, eq=False)
-class Inspection:
+class InspectedStreams:
     """
     What was measured in the streams of a recording, and what is wrong with them.
 
@@ -53,7 +53,7 @@ def inspect_streams(
     streams: Sequence[SensorStream],
     left_out: Sequence[str] = (),
     limits: InspectionLimits | None = None,
-) -> Inspection:
+) -> InspectedStreams:
     """
     Return what can be said of the streams of a recording.
 
@@ -79,7 +79,7 @@ def inspect_streams(
     ratio, slow = _rates(sensors, limits)
     findings += [*found, *slow, *_spans(measured, limits)]
     findings += [*_no_common_span(sensors, common), *_clocks_differ(sensors, common, limits)]
-    return Inspection(
+    return InspectedStreams(
         limits=limits,
         streams=measured,
         silent=silent,

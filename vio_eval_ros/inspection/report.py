@@ -13,7 +13,7 @@ from vio_eval_ros.inspection.calibration import Calibration
 from vio_eval_ros.inspection.expectations import CheckedExpectation
 from vio_eval_ros.inspection.finding import Finding, LEVELS
 from vio_eval_ros.inspection.findings import worst_first
-from vio_eval_ros.inspection.inspection import Inspection
+from vio_eval_ros.inspection.inspection import InspectedStreams
 from vio_eval_ros.inspection.measured_stream import MeasuredStream
 from vio_eval_ros.version import __version__
 
@@ -32,7 +32,7 @@ class Report:
     """
 
     source: str
-    inspection: Inspection
+    inspection: InspectedStreams
     expectations: Sequence[CheckedExpectation] = ()
     calibration: Calibration | None = None
     profile: str = PROFILES[0]

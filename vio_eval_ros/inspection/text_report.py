@@ -7,7 +7,7 @@ import math
 
 from vio_eval_ros.inspection.clocks import CONFIDENCE_95
 from vio_eval_ros.inspection.finding import Finding
-from vio_eval_ros.inspection.inspection import Inspection
+from vio_eval_ros.inspection.inspection import InspectedStreams
 from vio_eval_ros.inspection.measured_stream import MeasuredStream
 from vio_eval_ros.inspection.report import Report
 from vio_eval_ros.rendering.text import number, printable
@@ -93,7 +93,7 @@ def row(report: Report, one: MeasuredStream) -> list[str]:
     ]
 
 
-def facts(inspection: Inspection) -> Iterator[str]:
+def facts(inspection: InspectedStreams) -> Iterator[str]:
     """Yield figures of several streams together, and of the motion of each IMU."""
     if inspection.common_ns is not None:
         begin_ns, end_ns = inspection.common_ns

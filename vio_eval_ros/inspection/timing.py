@@ -38,7 +38,7 @@ REPEATED_PERIODS = 0.001
 ARRIVAL_CORRELATION, ARRIVAL_INTERVALS = 0.9, 10
 
 
-class Intervals(NamedTuple):
+class StampIntervals(NamedTuple):
     """
     The intervals between the distinct times of a stream.
 
@@ -115,7 +115,7 @@ def _twice(steps: np.ndarray) -> np.ndarray:
 
 def _intervals(
     stream: SensorStream, order: np.ndarray, limits: InspectionLimits, step: Moment | None
-) -> Intervals:
+) -> StampIntervals:
     """Return what lies between the distinct times of a stream."""
     distinct = stream.times_ns[order]
     periods = np.diff(distinct) / 1e9
@@ -128,7 +128,7 @@ def _intervals(
     is_due = stream.is_sensor or _is_regular(periods, period)
     is_whole |= not is_due or stream.stamps_ns is None
     numbers = np.where(is_whole, 1, np.maximum(2, np.rint(periods / period)))
-    return Intervals(
+    return StampIntervals(
         order=order,
         periods_s=periods,
         period_s=period,
@@ -163,7 +163,7 @@ def longest(periods: np.ndarray, period: float) -> float:
     return period + max(MISSING_PERIODS * period, slack)
 
 
-def _figures(known: Timing, between: Intervals, distinct: np.ndarray) -> Timing:
+def _figures(known: Timing, between: StampIntervals, distinct: np.ndarray) -> Timing:
     """Return the figures of a stream with those of its intervals."""
     rate, uncertainty = _rate(between.periods_s, between.numbers)
     deviations = np.abs(between.periods_s[between.is_whole] - between.period_s)
@@ -224,7 +224,7 @@ def _order(stream: SensorStream, backward: np.ndarray, repeated: np.ndarray) -> 
         )
 
 
-def _dropped(stream: SensorStream, figures: Timing, between: Intervals) -> Iterator[Finding]:
+def _dropped(stream: SensorStream, figures: Timing, between: StampIntervals) -> Iterator[Finding]:
     """Yield the intervals in which a few messages are missing."""
     which = np.flatnonzero(~between.is_whole & ~between.is_gap)
     if len(which):
@@ -242,7 +242,7 @@ def _dropped(stream: SensorStream, figures: Timing, between: Intervals) -> Itera
         )
 
 
-def _gap(stream: SensorStream, between: Intervals) -> Iterator[Finding]:
+def _gap(stream: SensorStream, between: StampIntervals) -> Iterator[Finding]:
     """Yield the intervals in which many messages are missing."""
     which = np.flatnonzero(between.is_gap)
     if len(which):
@@ -262,7 +262,7 @@ def _is_due(stream: SensorStream, figures: Timing) -> bool:
 
 
 def _jitter(
-    stream: SensorStream, figures: Timing, between: Intervals, limits: InspectionLimits
+    stream: SensorStream, figures: Timing, between: StampIntervals, limits: InspectionLimits
 ) -> Iterator[Finding]:
     if not (stream.is_sensor or figures.is_regular):
         return
@@ -301,7 +301,7 @@ def _jitter(
     )
 
 
-def _is_stamped_on_arrival(stream: SensorStream, between: Intervals) -> bool:
+def _is_stamped_on_arrival(stream: SensorStream, between: StampIntervals) -> bool:
     """Return whether the stamps vary in just the way in which the messages are recorded."""
     if stream.logged_ns is None or between.is_whole.sum() < ARRIVAL_INTERVALS:
         return False

@@ -8,7 +8,7 @@ import numpy as np
 
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.imu.simulated_noise import ImuNoise, simulate_noise
+from vio_eval_ros.imu.simulated_noise import NoiseModel, simulate_noise
 from vio_eval_ros.simulation.drift import Drift, estimate, GOOD_STEREO
 from vio_eval_ros.simulation.flight import FIRST_STAMP_NS, Flight, GRAVITY_M_S2
 
@@ -31,7 +31,7 @@ class Imu:
 
     stamps_ns: np.ndarray
     samples: np.ndarray
-    noise: ImuNoise
+    noise: NoiseModel
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,7 +54,7 @@ def simulate(
     duration_s: float = 60.0,
     seed: int = 7,
     drift: Drift = GOOD_STEREO,
-    imu_noise: ImuNoise | None = None,
+    imu_noise: NoiseModel | None = None,
 ) -> SimulatedRun:
     """
     Return a flight of a multirotor through a room of 6 x 6 x 2.5 m, and its estimate.
@@ -79,7 +79,7 @@ def simulate(
     )
 
 
-def at_rest(duration_s: float, seed: int, imu_noise: ImuNoise) -> SimulatedRun:
+def at_rest(duration_s: float, seed: int, imu_noise: NoiseModel) -> SimulatedRun:
     """Return a run of an IMU alone, at rest and level; arguments as of ``simulate``."""
     imu_ns = np.arange(0, _nanoseconds(duration_s), IMU_PERIOD_NS)
     true = np.array([0.0, 0.0, 0.0, 0.0, 0.0, GRAVITY_M_S2])
@@ -93,7 +93,7 @@ def _sources(seed: int) -> list[np.random.Generator]:
 
 
 def _measured(
-    elapsed_ns: np.ndarray, true: np.ndarray, noise: ImuNoise, source: np.random.Generator
+    elapsed_ns: np.ndarray, true: np.ndarray, noise: NoiseModel, source: np.random.Generator
 ) -> Imu:
     samples = simulate_noise(len(elapsed_ns), IMU_RATE_HZ, noise, source)
     samples += true
