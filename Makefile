@@ -25,7 +25,7 @@ demo: $(RUNTIME)  ## play a bundled recording through ROS 2 and score it live
 	@$(HAS_ROS) || { echo 'Installing ROS 2 from PyPI (rclpy, Fast DDS) into $(VENV)'; \
 		$(PIP_INSTALL) --editable '.[ros]'; } || true
 	@if $(HAS_ROS); then $(IN_VENV) demo/live.py $(RECORDING) $(REPORT); else \
-		echo 'ROS 2 cannot be had here, so this is the offline half of the demo.' >&2; \
+		echo 'ROS 2 cannot be installed here, so this is the offline half of the demo.' >&2; \
 		$(MAKE) --no-print-directory demo-offline; fi
 
 demo-offline: $(RUNTIME)  ## score the same recording without ROS and write a report

@@ -445,7 +445,7 @@ def test_a_file_that_is_no_calibration_is_told(clean, tmp_path):
     file = tmp_path / 'chain.yaml'
     file.write_text('cam0:\n  T_cam_imu: [1, 2]\n')
     told = complaint(clean, '--calibration', file)
-    assert 'line 2: T_cam_imu: a matrix of 4 rows and 4 columns is expected' in told
+    assert 'line 2: T_cam_imu: expected a matrix of 4 rows and 4 columns' in told
 
 
 def test_what_cannot_be_inspected_is_told_in_a_line(clean, tmp_path, shared_data):

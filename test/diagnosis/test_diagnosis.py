@@ -713,7 +713,7 @@ def test_what_flew_off_and_came_back_has_not_diverged():
 def test_runs_without_common_time_cannot_be_diagnosed():
     turns = np.cumsum(np.random.default_rng(0).normal(0, 0.02, ESTIMATE.positions.shape), axis=0)
     other = replace(ESTIMATE, rotations=rotation.from_rotation_vector(turns))
-    with pytest.raises(NoPairs, match='of the same run'):
+    with pytest.raises(NoPairs, match='from the same run'):
         diagnosis_of(late(4000.0, other))
 
 

@@ -274,14 +274,29 @@ def test_millimetres_are_one_finding(tmp_path, key, harmed):
     ('text', 'problem'),
     [
         (f'a: {"x" * 2**20}', 'too large for a calibration'),
-        ('cam0:\n  T_cam_imu: [1, 2]\n', 'line 2: T_cam_imu: a matrix of 4 rows and 4 columns'),
-        ('cam0:\n  T_cam_imu: {data: x}\n', 'line 2: T_cam_imu: a matrix of 4 rows'),
-        ('cam0:\n  T_cam_imu: [[.nan, 0, 0, 0]]\n', 'line 2: T_cam_imu: a matrix of 4 rows'),
+        (
+            'cam0:\n  T_cam_imu: [1, 2]\n',
+            'line 2: T_cam_imu: expected a matrix of 4 rows and 4 columns',
+        ),
+        ('cam0:\n  T_cam_imu: {data: x}\n', 'line 2: T_cam_imu: expected a matrix of 4 rows'),
+        (
+            'cam0:\n  T_cam_imu: [[.nan, 0, 0, 0]]\n',
+            'line 2: T_cam_imu: expected a matrix of 4 rows',
+        ),
         (f'cam0:\n  T_cam_imu: {np.diag([1e200, 1, 1, 1]).tolist()}\n', 'of numbers below 1e+06'),
-        ('cam0:\n  timeshift_cam_imu: .nan\n', 'line 2: timeshift_cam_imu: a finite number'),
-        ('cam0:\n  timeshift_cam_imu: abc\n', 'line 2: timeshift_cam_imu: a finite number'),
-        ('gyroscope_noise_density: .inf\n', 'line 1: gyroscope_noise_density: a finite number'),
-        ('imu0:\n  update_rate: [200]\n', 'line 2: update_rate: a finite number'),
+        (
+            'cam0:\n  timeshift_cam_imu: .nan\n',
+            'line 2: timeshift_cam_imu: expected a finite number',
+        ),
+        (
+            'cam0:\n  timeshift_cam_imu: abc\n',
+            'line 2: timeshift_cam_imu: expected a finite number',
+        ),
+        (
+            'gyroscope_noise_density: .inf\n',
+            'line 1: gyroscope_noise_density: expected a finite number',
+        ),
+        ('imu0:\n  update_rate: [200]\n', 'line 2: update_rate: expected a finite number'),
         ('cam0: {}\ncam1: {}\n', 'line 2: cam1 has none of T_imu_cam'),
         ('cam0: !!python/object:os.system {}\n', 'is not plain data'),
         ('a: 1\n', 'there is no T_BS, and no sensor'),

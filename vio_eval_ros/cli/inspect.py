@@ -105,7 +105,7 @@ def _run(arguments: argparse.Namespace) -> int:
             near = nearest_name(name, FINDINGS) or f'; {", ".join(FINDINGS)}'
             raise ConfigError(f"--fail-on: there is no finding '{name}'{near}")
     if not 0 <= arguments.clip_s <= MAX_MARGIN_S:
-        raise ConfigError(f'--clip-s: a number of seconds from 0 to {MAX_MARGIN_S} is expected')
+        raise ConfigError(f'--clip-s: expected a number of seconds from 0 to {MAX_MARGIN_S}')
     targets = [Target.parse(text, REPORTS) for text in arguments.report]
     optional = [path for path in (arguments.expect, arguments.limits) if path is not None]
     check_targets(targets, [arguments.recording, *arguments.calibration, *optional])

@@ -103,7 +103,7 @@ def _positive(text: str) -> float:
 def _not_negative(text: str) -> float:
     number = finite(text)
     if not number >= 0:
-        raise argparse.ArgumentTypeError(f"'{text}' is not a number of 0 or more")
+        raise argparse.ArgumentTypeError(f"'{text}' is not a number >= 0")
     return number
 
 

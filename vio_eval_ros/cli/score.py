@@ -171,7 +171,7 @@ def _verify(arguments: argparse.Namespace) -> int:
     elif found.reproduced < found.runs:
         lines.append(f'not reproduced: {runs}')
     else:
-        lines.append(f'not reproduced: {runs}, but their verdict is not')
+        lines.append(f'not reproduced: {runs}, but the verdict has changed')
     print('\n'.join(printable(line) for line in lines), flush=True)
     return FAILED if found.differences else PASSED
 

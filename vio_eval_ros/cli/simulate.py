@@ -122,7 +122,7 @@ def _simulate(arguments: argparse.Namespace) -> int:
     check_out(arguments.out)
     faults = [parse_fault(text) for text in arguments.fault]
     if arguments.seed < 0:
-        raise ConfigError('--seed: expected a whole number of at least 0')
+        raise ConfigError('--seed: expected a whole number >= 0')
     notes: list[str] = []
     made = _real_run(arguments, notes) if arguments.source else _simulated_run(arguments)
     source = np.random.default_rng(arguments.seed)
@@ -184,7 +184,7 @@ def _drift(texts: Sequence[str]) -> Drift:
             near = nearest_name(name, names) or f'; there are {", ".join(names)}'
             raise ConfigError(f"--drift: there is no '{name}'{near}")
         value = finite(given)
-        low, what = MIN_DRIFT.get(name, (0.0, 'a number of at least 0'))
+        low, what = MIN_DRIFT.get(name, (0.0, 'a number >= 0'))
         if not value >= low:
             raise ConfigError(f'--drift {text}: expected {what}')
         drift = replace(drift, **{name: value})
@@ -202,7 +202,7 @@ def _noise(arguments: argparse.Namespace) -> NoiseModel:
     for key, (kind, name) in KALIBR.items():
         numbers[kind][name] = finite(values[key])
         if not numbers[kind][name] >= 0:
-            raise ConfigError(f'{NOISE_FLAGS[key]}: expected a number of at least 0')
+            raise ConfigError(f'{NOISE_FLAGS[key]}: expected a number >= 0')
     return NoiseModel(**{kind: Noise(**of_kind) for kind, of_kind in numbers.items()})
 
 

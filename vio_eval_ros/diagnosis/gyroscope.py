@@ -92,7 +92,7 @@ def compare(estimate: Trajectory, stamps_ns: np.ndarray, rates: np.ndarray) -> G
                 raise NoPairs('the gyroscope and the estimate do not both rotate for long enough')
         lag = fit_lag(estimate, Interpolator(sensed, gap_s), start_s, by_rotations=True)
         if not math.isfinite(lag.residual):
-            raise NoPairs('the gyroscope and the estimate share no instant')
+            raise NoPairs('the gyroscope and the estimate do not overlap in time')
         change = _bias(estimate, Interpolator(sensed, gap_s), lag)
         bias, start_s = bias + change, lag.offset_s
         if np.abs(change).max() < CONVERGED_RAD_S:

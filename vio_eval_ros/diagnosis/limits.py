@@ -101,8 +101,8 @@ class DiagnosisLimits(Limits):
     early_end_percent: float = limit(
         10.0, '%', 'share of the run after the last keyframe of an irregular stream', RUNS
     )
-    still_m: float = limit(0.05, 'm', 'extent of the path of what moves', RUNS)
-    still_deg: float = limit(5.0, 'deg', 'rotation of what moves', RUNS)
+    still_m: float = limit(0.05, 'm', 'extent of the path below which a side is at rest', RUNS)
+    still_deg: float = limit(5.0, 'deg', 'rotation below which a side is at rest', RUNS)
     moving_m: float = limit(
         0.2, 'm', 'extent that the drift of an estimate at rest does not reach', RUNS
     )

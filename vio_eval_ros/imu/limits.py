@@ -26,40 +26,51 @@ class ImuNoiseLimits(Limits):
         'chosen: the rate of a sensor that loses half of its samples cannot be determined',
     )
     equal_stamps_ratio: float = limit(
-        0.01, '', 'share of samples with the stamp of the previous one that is a warning', 'chosen'
+        0.01,
+        '',
+        'share of samples with the stamp of the previous one above which there is a warning',
+        'chosen',
     )
     scatter_ratio: float = limit(
-        4.0, '', 'scatter within a second, over its median, that is movement', SIMULATED
+        4.0,
+        '',
+        'scatter within a second, over its median, above which the sensor moves',
+        SIMULATED,
     )
     mean_change_sigmas: float = limit(
         6.5,
         'σ',
-        'change of the mean over 1 s or 10 s, in standard deviations of the usual change, that '
-        'is movement',
+        'change of the mean over 1 s or 10 s, in standard deviations of the usual change, '
+        'above which the sensor moves',
         'chance exceeds it once in 100,000 records of 6 h',
     )
     resolution_sigmas: float = limit(
         1.4,
         'σ',
-        'distance of neighbouring values, over the scatter within a second, that is too coarse',
+        'distance of neighbouring values, over the scatter within a second, above which the '
+        'resolution is too coarse',
         '1.5 times the noise of a sample, where rounding changes the density by 10 %',
     )
     vibration_ratio: float = limit(
-        0.1, '', 'rise of the density due to lines of the spectrum that is a warning', 'chosen'
+        0.1,
+        '',
+        'rise of the density due to lines of the spectrum above which there is a warning',
+        'chosen',
     )
     residual_ratio: float = limit(
         0.1,
         '',
-        'distance of the curve from the fit, beyond what chance explains, that is a warning',
+        'distance of the curve from the fit, beyond what chance explains, above which there is a '
+        'warning',
         'chosen',
     )
     max_rate_rad_s: float = limit(
-        0.2, 'rad/s', 'mean angular rate of a sensor at rest', 'chosen: 11 deg/s'
+        0.2, 'rad/s', 'largest mean angular rate of a sensor at rest', 'chosen: 11 deg/s'
     )
     gravity_error_m_s2: float = limit(
         0.5,
         'm/s²',
-        'difference of the mean acceleration from 9.81 m/s²',
+        'largest difference of the mean acceleration from 9.81 m/s² at rest',
         'chosen: gravity on Earth is 9.78 to 9.83 m/s², the rest is bias',
     )
     degrees_density: float = limit(

@@ -25,10 +25,10 @@ from vio_eval_ros.inspection.inertial import upwards
 from vio_eval_ros.inspection.inspection import InspectedStreams
 from vio_eval_ros.inspection.limits import InspectionLimits
 
-# A translation longer than the limit by this is in millimetres for certain
+#: length of a translation, over the limit, above which it can only be in millimetres
 MILLIMETRES = 10.0
-# Cameras are side by side, and look the same way, where this part of the baseline is along x, and
-# of one optical axis along the other
+#: least cosine between the baseline and x of cameras that are side by side, and between the
+#: optical axes of cameras that look the same way
 SIDEWAYS_COSINE = 0.7
 # A file agrees with itself as well as it has digits
 SAME_M, SAME_DEG = 0.001, 0.1

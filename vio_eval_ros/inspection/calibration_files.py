@@ -134,7 +134,7 @@ def _add(file: CalibrationFile, name: str, sensor: Section) -> None:
 def _number(sensor: Section, key: str) -> float:
     number = finite(sensor[key])
     if math.isnan(number):
-        raise sensor.error(key, f'{key}: a finite number is expected')
+        raise sensor.error(key, f'{key}: expected a finite number')
     return number
 
 
@@ -151,7 +151,7 @@ def _matrix(sensor: Section, key: str) -> np.ndarray:
         pass
     raise sensor.error(
         key,
-        f'{key}: a matrix of 4 rows and 4 columns is expected, of numbers below {LARGEST_ENTRY:g}',
+        f'{key}: expected a matrix of 4 rows and 4 columns, of numbers below {LARGEST_ENTRY:g}',
     )
 
 

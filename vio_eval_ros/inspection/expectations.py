@@ -16,7 +16,7 @@ from vio_eval_ros.inspection.measured_stream import Clocks, MeasuredStream
 from vio_eval_ros.settings import finite, load_yaml, Section
 
 NODE = 'inspect'
-# A drift is at least so many standard deviations below its figure
+#: standard deviations that are subtracted from a drift before it is compared
 DRIFT_DEVIATIONS = 2
 UP_AXES = ('+x', '-x', '+y', '-y', '+z', '-z')
 
@@ -113,7 +113,7 @@ class Expectations:
         content.expect('streams', 'pairs')
         streams, pairs = (_sections(content.section(name)) for name in ('streams', 'pairs'))
         if not streams:
-            raise ConfigError(f'{path}: no streams are expected; name them under streams')
+            raise ConfigError(f'{path}: expected at least one stream under streams')
         for section in streams.values():
             _check_stream(section)
         for section in pairs.values():
@@ -147,24 +147,24 @@ def _sections(parent: Section) -> dict[str, Section]:
 def _check_stream(section: Section) -> None:
     section.expect(*STREAM_KEYS)
     if not isinstance(section.get('topic'), str):
-        raise section.error('topic', 'topic: the name of a topic is expected')
+        raise section.error('topic', 'topic: expected the name of a topic')
     _check_level(section)
     if section.get('up_axis', UP_AXES[0]) not in UP_AXES:
-        raise section.error('up_axis', f'up_axis: one of {", ".join(UP_AXES)} is expected')
+        raise section.error('up_axis', f'up_axis: expected one of {", ".join(UP_AXES)}')
     if not isinstance(section.get('frame_id', ''), str):
-        raise section.error('frame_id', 'frame_id: the name of a frame is expected')
+        raise section.error('frame_id', 'frame_id: expected the name of a frame')
     _check_numbers(section, ('rate_hz', 'rate_tolerance', *FIGURES))
     if 'rate_tolerance' in section and 'rate_hz' not in section:
         raise section.error('rate_tolerance', 'rate_tolerance: goes with rate_hz')
     if section.get('rate_hz') == 0:
-        raise section.error('rate_hz', 'rate_hz: a positive number is expected')
+        raise section.error('rate_hz', 'rate_hz: expected a positive number')
 
 
 def _check_pair(section: Section, streams: dict[str, Section]) -> None:
     section.expect(*PAIR_KEYS)
     names = section.get('streams')
     if not isinstance(names, list) or len(names) != 2 or names[0] == names[1]:
-        raise section.error('streams', 'streams: the names of two streams are expected')
+        raise section.error('streams', 'streams: expected the names of two streams')
     for name in names:
         if name not in streams:
             raise section.error(
@@ -176,13 +176,13 @@ def _check_pair(section: Section, streams: dict[str, Section]) -> None:
 
 def _check_level(section: Section) -> None:
     if section.get('level', 'fail') not in ('warn', 'fail'):
-        raise section.error('level', "level: 'warn' or 'fail' is expected")
+        raise section.error('level', "level: expected 'warn' or 'fail'")
 
 
 def _check_numbers(section: Section, keys: Sequence[str]) -> None:
     for key in keys:
         if key in section and not finite(section[key]) >= 0:
-            raise section.error(key, f'{key}: a number is expected, not negative')
+            raise section.error(key, f'{key}: expected a number >= 0')
 
 
 class _Subject(NamedTuple):

@@ -51,9 +51,9 @@ class InspectionLimits(Limits):
         3.0, '% of the period', '99th percentile of the deviation from the period', CHOSEN
     )
     jitter_min_s: float = limit(
-        0.0005, 's', 'that percentile may be this at any rate, up to 20 % of the period', CHOSEN
+        0.0005, 's', 'deviation that is always accepted, up to 20 % of the period', CHOSEN
     )
-    jitter_max_s: float = limit(0.0015, 's', 'and must not be more at any rate', CHOSEN)
+    jitter_max_s: float = limit(0.0015, 's', 'deviation above which it is always found', CHOSEN)
     single_jitter_s: float = limit(
         0.002, 's', 'deviation of a single interval, or 40 % of a period below 5 ms', CHOSEN
     )

@@ -242,7 +242,7 @@ def _first_bad_row(block: bytes, width: int) -> BadRow:
                 float(b'?' if b'_' in word else word)  # Python reads 1_000, and others do not
             except ValueError:
                 return BadRow(line, f"'{_shown(word)}' is not a number")
-    return BadRow(1, 'there is something that is not a number')
+    return BadRow(1, 'contains something that is not a number')
 
 
 def _shown(word: bytes) -> str:

@@ -63,8 +63,8 @@ JUMP = KnownCause(
     'orientation; the side that moves is named',
     remedy='the estimator',
     evidence=_jump_evidence,
-    advice='Look at the named moments for tracking resets or relocalisation, and evaluate what '
-    'a robot would have had.',
+    advice='Look at the named moments for tracking resets or relocalisation, and evaluate the '
+    'poses as they were first published.',
     limits=(
         'jump_m', 'jump_deg', 'jump_ratio', 'reset_m', 'reset_deg', 'jump_improvement_percent'
     ),

@@ -98,8 +98,8 @@ def measure(run: Measuring) -> None:
     run.note(CLOCK_DRIFT, drift, (run.lag.drift, agreed_ns))
     if len(run.pairs()) < FEWEST_POSES:
         raise NoPairs(
-            'the two sides have no time in common, and their motions do not tell how far their '
-            'clocks are apart: are they of the same run?'
+            'the two sides have no time in common, and their motions do not show how far apart '
+            'their clocks are: are they from the same run?'
         )
 
 
