@@ -10,8 +10,8 @@ from vio_eval_ros.inspection.finding import Finding
 from vio_eval_ros.inspection.findings import FINDINGS
 from vio_eval_ros.inspection.limits import InspectionLimits
 
-# A random walk that is larger than so many times the density was exchanged with it. That of
-# accelerometers is often enlarged for a filter
+#: random walk over density above which the two were exchanged; the walk of accelerometers is often
+#: enlarged for a filter
 WALK_TO_DENSITY = {'gyroscope': 1.0, 'accelerometer': 3.0}
 
 

@@ -25,12 +25,13 @@ from vio_eval_ros.inspection.findings import FINDINGS
 from vio_eval_ros.inspection.limits import InspectionLimits
 from vio_eval_ros.inspection.measured_stream import MeasuredStream
 
-# Two cameras have one rate within this part
+#: relative difference up to which two rates are the same
 SAME_RATE = 0.02
-# Frames are partners where they are within so many spreads of the usual skew; where skews spread
-# all over the period, within this part of it
-PARTNER_SPREADS, PARTNER_PERIODS = 6.0, 0.1
-# Where fewer frames have a partner, the cameras run freely
+#: difference of partner frames from the usual skew, in spreads of it ...
+PARTNER_SPREADS = 6.0
+#: ... and in periods, where skews spread over the whole period
+PARTNER_PERIODS = 0.1
+#: share of frames with a partner below which the cameras run freely
 TRIGGERED_SHARE = 0.5
 
 

@@ -15,26 +15,37 @@ from vio_eval_ros.inspection.findings import FINDINGS
 from vio_eval_ros.inspection.limits import InspectionLimits
 from vio_eval_ros.inspection.measured_stream import Clocks
 
-# A line is fitted to one point for each of so many windows; fewer, shorter ones show no drift
-MAX_WINDOWS, MIN_WINDOWS, WINDOW_MESSAGES = 64, 16, 8
+#: a line is fitted to one point of each window: the most and the fewest windows ...
+MAX_WINDOWS = 64
+MIN_WINDOWS = 16
+#: ... the fewest messages in each ...
+WINDOW_MESSAGES = 8
+#: ... and the shortest duration that shows a drift
 MIN_DURATION_S = 10.0
-# A drift is certain beyond so many of its standard deviations
+#: standard deviations beyond which a drift is significant
 DRIFT_DEVIATIONS = 4.0
-# No clock of a computer resolves less
+#: no clock of a computer has a finer resolution
 RESOLUTION_S = 1e-7
-# Neighbours that err alike enlarge the uncertainty as an autoregressive process of up to this
+#: largest correlation of neighbouring residuals by which the uncertainty is enlarged
 MAX_AUTOCORRELATION = 0.9
-# Residuals wander where the means of so many parts vary by this many times what noise explains; a
-# slope may then be off by so many standard deviations of these means over the recording
-PARTS, WANDER_VARIANCES, WANDER_DEVIATIONS = 8, 3.0, 3.0
-# A line is straight where the slopes of its halves differ from it by less than this part or so
-# many standard deviations; it is a step where both halves have less than that part of its slope
-HALF_SLOPE, HALF_DEVIATIONS, STEP_SLOPE = 0.7, 8.0, 0.3
-# The clock of the recorder stands still where it runs at less than this part of the stamps' speed
+#: parts of the recording whose mean residuals show whether they wander ...
+PARTS = 8
+#: ... which they do where their variance is this many times what noise explains ...
+WANDER_VARIANCES = 3.0
+#: ... and by this many of their standard deviations over the recording the slope may then be off
+WANDER_DEVIATIONS = 3.0
+#: a line is straight where the slopes of its halves differ from it by less than this share of it,
+#: or less than this many standard deviations
+HALF_SLOPE = 0.7
+HALF_DEVIATIONS = 8.0
+#: it is a step where both halves have less than this share of its slope
+STEP_SLOPE = 0.3
+#: pace of the recorder's clock, over that of the stamps, below which it stands still
 STANDSTILL_PACE = 1e-3
-# A step, and a message that is late, stand out of noise by so many spreads
-STEP_SPREADS, LATE_SPREADS = 10.0, 10.0
-# Messages that come at long intervals are late after so many of them
+#: size of a step of the latency, in spreads of its noise
+STEP_SPREADS = 10.0
+#: delay of a late message, in spreads of the latency and in periods of the stream
+LATE_SPREADS = 10.0
 LATE_PERIODS = 10.0
 CONFIDENCE_95 = 1.96
 

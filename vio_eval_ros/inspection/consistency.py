@@ -13,21 +13,30 @@ from vio_eval_ros.inspection.finding import Finding
 from vio_eval_ros.inspection.findings import FINDINGS
 from vio_eval_ros.inspection.limits import InspectionLimits
 
-# Specific force is averaged over blocks of this length, in which accelerations mostly cancel out;
-# with fewer of them there is no evidence. A block is whole where its length is right within a part
-BLOCK_S, MIN_BLOCKS, WHOLE_TOLERANCE = 1.0, 10, 0.1
-# Rates are in degrees where the rotation of gravity over what rates in degrees make of it is 1
-# within this part, and so many standard deviations from zero
-SLOPE_TOLERANCE, SLOPE_DEVIATIONS = 0.3, 8.0
-# Biases are means of so many blocks, since accelerations come and go. A step needs at least so
-# many of them, and this part of all, on either side: among many places, one with a short side
-# stands out by chance
-BIAS_BLOCKS, MIN_BIASES, MIN_SIDE = 5, 3, 0.125
-# It is certain beyond so many standard deviations; most of it comes at once, within four biases
-STEP_DEVIATIONS, STEP_AT_ONCE = 5.0, 0.5
-# A bias steps by more than this part of the mean rate, since no scale is perfect
+#: length of the blocks over which specific force is averaged: accelerations mostly cancel out
+BLOCK_S = 1.0
+#: fewer blocks are no evidence
+MIN_BLOCKS = 10
+#: relative error of the length of a block in which no sample is missing
+WHOLE_TOLERANCE = 0.1
+#: rates are in degrees where the slope of the rotation of gravity, over that expected of rates in
+#: degrees, is within this of 1 ...
+SLOPE_TOLERANCE = 0.3
+#: ... and at least this many standard deviations above 0
+SLOPE_DEVIATIONS = 8.0
+#: blocks of which each bias is the mean, since accelerations come and go
+BIAS_BLOCKS = 5
+#: least number of biases before and after a step ...
+MIN_BIASES = 3
+#: ... and least share of all: among many places, one with a short side stands out by chance
+MIN_SIDE = 0.125
+#: standard deviations beyond which a step is significant
+STEP_DEVIATIONS = 5.0
+#: least share of a step that happens within four biases
+STEP_AT_ONCE = 0.5
+#: share of the mean rate that an error of the scale explains
 SCALE_ERROR = 0.05
-# Below that, biases do not scatter (rad/s)
+#: least standard deviation of a step of the bias
 MIN_NOISE_RAD_S = 1e-6
 
 

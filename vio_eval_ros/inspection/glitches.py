@@ -16,9 +16,12 @@ from vio_eval_ros.inspection.limits import InspectionLimits
 from vio_eval_ros.inspection.saturation import cut_off, saturation_findings
 from vio_eval_ros.inspection.stuck import stuck_findings, stuck_runs
 
-# Spikes are at most so many samples, and off those around by so many times the range of as many as
-# this on either side, in which a shock rings
-SPIKE_SAMPLES, SPIKE_RANGES, SPIKE_SIDE_SAMPLES = 3, 10.0, 25
+#: the most samples that a spike has
+SPIKE_SAMPLES = 3
+#: deviation of a spike, over the range of the samples around it
+SPIKE_RANGES = 10.0
+#: samples on either side that are around it: long enough for a shock to ring
+SPIKE_SIDE_SAMPLES = 25
 
 
 class Glitches(NamedTuple):

@@ -18,7 +18,8 @@ from vio_eval_ros.inspection.measured_stream import Inertial, Timing
 
 # The spread at rest is that of windows of this length
 STILL_WINDOW_S = 0.25
-# What gravity is in other units (1000 mg, 981 cm/s2), and within which part it is taken for that
+#: gravity in other units (1000 mg, 981 cm/s2), and the relative difference up to which a mean is
+#: taken for it
 GRAVITY_IN = {'g': 1.0, 'mg or cm/s2': 990.0}
 UNIT_TOLERANCE = 0.2
 # Acceleration is that of means over this time, as VINS-Mono has it between two images

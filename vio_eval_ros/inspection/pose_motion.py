@@ -16,12 +16,16 @@ from vio_eval_ros.inspection.findings import FINDINGS
 from vio_eval_ros.inspection.limits import InspectionLimits
 from vio_eval_ros.inspection.measured_stream import PoseMotion, Timing
 
-# A jump is faster than the median of so many steps around it by so many spreads, and than so many
-# times the 95th percentile of all
-JUMP_NEIGHBOURS, JUMP_SPREADS, JUMP_FACTOR = 11, 10.0, 3.0
-# Poses were frozen where the step after them is more than twice the usual one, since they catch
-# up; at the end of a recording, where they were moving at more than half of the usual speed
-CATCHING_UP, MOVING = 2.0, 0.5
+#: steps around a jump of which the median is the usual speed
+JUMP_NEIGHBOURS = 11
+#: excess of a jump over that speed, in spreads of the excess of all steps
+JUMP_SPREADS = 10.0
+#: speed of a jump, over the 95th percentile of all
+JUMP_FACTOR = 3.0
+#: step after frozen poses, over the usual one: they catch up
+CATCHING_UP = 2.0
+#: step before poses that are frozen until the end of the recording, over the usual one
+MOVING = 0.5
 
 
 def pose_motion(

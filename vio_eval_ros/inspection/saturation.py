@@ -12,10 +12,13 @@ from vio_eval_ros.inspection.findings import FINDINGS
 from vio_eval_ros.inspection.imu_axes import shown
 from vio_eval_ros.inspection.limits import InspectionLimits
 
-# An axis is cut off where its extreme comes more often than all values below it within this part
-# of the range, and within so many levels. With fewer levels than that, an axis is coarse: its
-# extreme comes often anyway
-BELOW_RANGE, BELOW_LEVELS, COARSE_LEVELS = 0.02, 6, 50
+#: an axis is cut off where its extreme comes more often than all values just below it: those
+#: within this share of the range ...
+BELOW_RANGE = 0.02
+#: ... and within this many levels
+BELOW_LEVELS = 6
+#: an axis with fewer levels is coarse: its extreme comes often anyway
+COARSE_LEVELS = 50
 
 
 def cut_off(values: np.ndarray, limits: InspectionLimits) -> np.ndarray:

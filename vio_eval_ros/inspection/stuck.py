@@ -15,11 +15,12 @@ from vio_eval_ros.inspection.imu_axes import ACCEL, ALL, AXES, GYRO, named, stil
 from vio_eval_ros.inspection.limits import InspectionLimits
 from vio_eval_ros.inspection.saturation import COARSE_LEVELS, cut_off_nearby
 
-# Equal samples in a row are by chance where samples this near to them repeat so often that the run
-# has more than this probability in the recording: those of coarse sensors do at rest
-NEIGHBOUR_SAMPLES, CHANCE = 50, 1e-3
-# A single axis is stuck where a run is so many times as long as the longest by chance, of samples
-# in which the others move
+#: samples on either side of a run of equal ones that show how often values repeat by chance, as
+#: those of coarse sensors do at rest
+NEIGHBOUR_SAMPLES = 50
+#: probability, in the whole recording, above which a run is one by chance
+CHANCE = 1e-3
+#: length of a run of a stuck axis, over the longest run by chance, while other axes move
 STUCK_AXIS_FACTOR = 5.0
 
 

@@ -15,27 +15,36 @@ from vio_eval_ros.inspection.findings import FINDINGS
 from vio_eval_ros.inspection.limits import InspectionLimits
 from vio_eval_ros.inspection.measured_stream import Timing
 
-# An interval that is longer than a period by this part of it misses a message ...
+#: an interval that exceeds the period by more than this share of it misses a message ...
 MISSING_PERIODS = 0.5
-# ... unless the periods spread so much that one in a million is longer than the period by so many
-# spreads. Jitter alone makes periods shorter as often as longer: the longest exceeds the period by
-# at most so many times what the shortest lacks, unless that is nearly zero itself
-JITTER_SPREADS, LONGER_THAN_SHORTER, SHORTEST_LACKS_PERIODS = 6.0, 1.2, 0.8
-# Of short periods, at most this part may be jitter, and that part the deviation of one interval
-SHORT_PERIOD_JITTER, SHORT_PERIOD_SINGLE = 0.2, 0.4
-# Stamps in whole milliseconds are common; nobody has coarser ones without knowing
+#: ... unless jitter explains it: one period in a million is longer by this many spreads
+JITTER_SPREADS = 6.0
+#: jitter makes periods shorter as often as longer: the longest exceeds the period by at most this
+#: many times what the shortest lacks ...
+LONGER_THAN_SHORTER = 1.2
+#: ... unless that is nearly zero itself: it lacks more than this share of the period
+SHORTEST_LACKS_PERIODS = 0.8
+#: largest jitter of a short period, as a share of it, and largest deviation of a single interval
+SHORT_PERIOD_JITTER = 0.2
+SHORT_PERIOD_SINGLE = 0.4
+#: stamps in whole milliseconds are common; whoever has coarser ones knows it
 COARSEST_RESOLUTION_S = 0.001
-# Periods are alike within this part. A stream is regular where so many of its periods are like the
-# median, and has a period at all where so many are
-SAME_PERIOD, REGULAR_SHARE, PERIODIC_SHARE = 0.25, 0.9, 0.5
-# It comes in bursts where by the median more messages are missing than there are, and at least
-# this part of the intervals is too long: all over the recording
+#: relative difference up to which two periods are the same
+SAME_PERIOD = 0.25
+#: share of periods like the median from which a stream is regular ...
+REGULAR_SHARE = 0.9
+#: ... and from which it has a period at all
+PERIODIC_SHARE = 0.5
+#: messages come in bursts where, by the median period, more are missing than there are, and at
+#: least this share of the intervals is too long
 BURST_SHARE = 0.1
-# A message comes twice where it is nearer to the one before than this part of the period, between
-# others that are a period apart
+#: a message comes twice where it follows the one before within this share of the period, between
+#: others that are a period apart
 REPEATED_PERIODS = 0.001
-# Stamps that vary just as the times of recording do were made on arrival
-ARRIVAL_CORRELATION, ARRIVAL_INTERVALS = 0.9, 10
+#: correlation of stamps with times of recording above which they were stamped on arrival, and the
+#: fewest intervals that show it
+ARRIVAL_CORRELATION = 0.9
+ARRIVAL_INTERVALS = 10
 
 
 class StampIntervals(NamedTuple):
