@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path, PurePath
 from types import TracebackType
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from ruamel.yaml import YAML
 
@@ -26,13 +26,23 @@ from vio_eval_ros.recordings.storage import (
     Storage,
 )
 
-# The first bytes of each kind of file, the suffix it must have, its name, and how to repair it.
-_FILES = {
-    'ros1': (b'#ROSBAG V2.0\n', '.bag', 'a ROS 1 bag', '`rosbag reindex`'),
-    'rosbag2': (b'SQLite format 3\0', '.db3', 'an SQLite recording', '`sqlite3 FILE .recover`'),
-    'mcap': (MCAP_MAGIC, '.mcap', 'an mcap file', '`mcap recover`'),
-}
 
+class FileKind(NamedTuple):
+    """A kind of storage file: how it begins, its suffix, its name, and what repairs it."""
+
+    magic: bytes
+    suffix: str
+    name: str
+    repair: str
+
+
+FILE_KINDS = {
+    'ros1': FileKind(b'#ROSBAG V2.0\n', '.bag', 'a ROS 1 bag', '`rosbag reindex`'),
+    'rosbag2': FileKind(
+        b'SQLite format 3\0', '.db3', 'an SQLite recording', '`sqlite3 FILE .recover`'
+    ),
+    'mcap': FileKind(MCAP_MAGIC, '.mcap', 'an mcap file', '`mcap recover`'),
+}
 
 Opened = TypeVar('Opened', bound='Container')
 
@@ -180,17 +190,17 @@ def identify(path: Path, compressed: bool) -> str:
         raise ReadError(path, 'is a Git LFS pointer, not the recording; run `git lfs pull`')
     if compressed:
         return 'rosbag2'
-    named = next((kind for kind, row in _FILES.items() if row[1] == path.suffix), None)
-    found = next((kind for kind, row in _FILES.items() if begin.startswith(row[0])), None)
+    named = next((kind for kind, one in FILE_KINDS.items() if one.suffix == path.suffix), None)
+    found = next((kind for kind, one in FILE_KINDS.items() if begin.startswith(one.magic)), None)
     if found and found != named:
-        _, suffix, name, _ = _FILES[found]
-        raise ReadError(path, f'is {name}; rename it to end in {suffix}')
+        right = FILE_KINDS[found]
+        raise ReadError(path, f'is {right.name}; rename it to end in {right.suffix}')
     if not named:
         raise ReadError(
             path, 'is not a recording (expected .bag, .db3, .mcap or a rosbag2 folder)'
         )
     if not found:
-        name = _FILES[named][2]
+        name = FILE_KINDS[named].name
         raise ReadError(path, f'does not begin like {name}; it is damaged or something else')
     return found
 
@@ -219,7 +229,7 @@ def unreadable(source: object, error: Exception) -> ReadError:
     reason = ' '.join(str(error).split()) or type(error).__name__
     if isinstance(error, KeyError):
         reason = f'no entry {reason}'
-    repairs = [row[3] for row in _FILES.values() if str(source).endswith(row[1])]
+    repairs = [one.repair for one in FILE_KINDS.values() if str(source).endswith(one.suffix)]
     rescue = f'; {repairs[0]} may save what is left' if repairs else ''
     return ReadError(source, f'is damaged or was cut short ({reason}){rescue}')
 
