@@ -548,7 +548,7 @@ def test_the_noise_of_an_imu_is_that_of_the_command_line(tmp_path):
 
 @pytest.mark.slow
 def test_limits_are_those_of_the_verb(faulty):
-    with pytest.raises(vio.ConfigError, match="there is no limit 'scale_percnt' here; did you mean"):
+    with pytest.raises(vio.ConfigError, match="no limit 'scale_percnt' here; did you mean"):
         vio.diagnose(recording=faulty, limits={'scale_percnt': 1})
     with pytest.raises(vio.ConfigError, match='expected DiagnosisLimits, got InspectionLimits'):
         vio.diagnose(recording=faulty, limits=vio.inspect(faulty).inspection.limits)
