@@ -9,7 +9,7 @@ computed.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
 from os import PathLike
@@ -264,25 +264,35 @@ def _sources(
     times: Path | None,
 ) -> tuple[Source, Source]:
     """Return both inputs; what is read from files is read in one pass over each recording."""
-    given: list[Any] = [estimate, ground_truth]
-    if any(one is None for one in given):
-        if recording is None:
-            raise ConfigError('give a recording, or both an estimate and a ground truth')
-        # a side that is there already only needs not to be None
-        specs = [one if one is None or isinstance(one, str) else 'given' for one in given]
-        topics = default_topics(recording, *specs)
-        given = [topic if one is None else one for one, topic in zip(given, topics, strict=True)]
-    named = {k: str(one) for k, one in enumerate(given) if isinstance(one, (str, Path))}
-    topics_of_it = [spec for spec in named.values() if Spec.parse(spec).path is None]
-    if recording is None and topics_of_it:
-        raise ReadError(topics_of_it[0], 'no such file; for a topic, give recording= as well')
-    if recording is not None and not topics_of_it:
-        raise ConfigError(f'recording: {recording} is not used, neither input is a topic of it')
-    read = dict(zip(named, read_sources(list(named.values()), recording, times), strict=True))
-    if times is not None and not any(source.kind == 'kitti' for source in read.values()):
+    given = _with_default_topics([estimate, ground_truth], recording)
+    specs = {k: str(one) for k, one in enumerate(given) if isinstance(one, (str, PathLike))}
+    _check_recording(list(specs.values()), recording)
+    read = dict(zip(specs, read_sources(list(specs.values()), recording, times), strict=True))
+    if times is not None and all(source.kind != 'kitti' for source in read.values()):
         raise ConfigError('times: needs a KITTI pose file, and neither input is one')
-    names = ('estimate', 'ground_truth')
     one, other = (
-        read[k] if k in read else source_of(name, given[k]) for k, name in enumerate(names)
+        read[k] if k in read else source_of(name, given[k])
+        for k, name in enumerate(('estimate', 'ground_truth'))
     )
     return one, other
+
+
+def _with_default_topics(given: list[Any], recording: Path | None) -> list[Any]:
+    """Return both inputs, a missing one being the only sensible topic of the recording."""
+    if all(one is not None for one in given):
+        return given
+    if recording is None:
+        raise ConfigError('give a recording, or both an estimate and a ground truth')
+    # of a side that is no topic only that it is there matters
+    topics = [one if one is None or isinstance(one, str) else 'given' for one in given]
+    defaults = default_topics(recording, *topics)
+    return [default if one is None else one for one, default in zip(given, defaults, strict=True)]
+
+
+def _check_recording(specs: Sequence[str], recording: Path | None) -> None:
+    """Check that topics come with a recording, and a recording with topics."""
+    topics = [spec for spec in specs if Spec.parse(spec).path is None]
+    if recording is None and topics:
+        raise ReadError(topics[0], 'no such file; for a topic, give recording= as well')
+    if recording is not None and not topics:
+        raise ConfigError(f'recording: {recording} is not used, neither input is a topic of it')

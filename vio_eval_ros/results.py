@@ -1,4 +1,8 @@
-"""What the functions of the library return: values that a script and a notebook can show."""
+"""
+What the functions of the library return: values that a script and a notebook can show.
+
+Each class has the fields of its base, which knows neither reports nor plots, and adds them.
+"""
 
 from __future__ import annotations
 
