@@ -12,19 +12,24 @@ from vio_eval_ros.core import rotation
 from vio_eval_ros.core.association import nearest
 from vio_eval_ros.core.rotation import lengths
 
-#: of iteratively reweighted least squares
+#: iterations of iteratively reweighted least squares
 REWEIGHTINGS = 12
-#: the uncertainty of a fit is estimated from the scatter of so many blocks of the run: by
-#: Student's distribution with one degree of freedom less, of which 95 % are within T_95
-BLOCKS, FREEDOM, T_95 = 6, 5, 2.571
+#: blocks of the run whose scatter gives the uncertainty of a fit ...
+BLOCKS = 6
+#: ... the degrees of freedom of Student's distribution that it follows ...
+FREEDOM = BLOCKS - 1
+#: ... and half of the 95 % interval of that distribution, in standard errors
+T_95 = 2.571
+#: keeps a spread of zero from dividing
 TINY = 1e-12
-#: leaving out a block that alone constrains a direction leaves that direction a little weight
+#: weight of a block that is left out, less than one: a direction that it alone constrains keeps a
+#: little weight
 LEFT_OUT_WEIGHT = 1 - 1e-9
-#: the variance of a residual before any is known: so small that the prior does not matter
+#: variance of a residual before any is known: small enough for the prior not to matter
 FIRST_VARIANCE = 1e-8
-#: how far apart two samples may be from the time asked for
+#: largest deviation of two samples from the interval asked for, as a share of it
 HORIZON_TOLERANCE = 0.25
-#: relative motions that anything can be fitted to
+#: fewest relative motions that anything can be fitted to
 FEWEST_MOTIONS = 10
 
 
@@ -40,7 +45,7 @@ def student(t: float) -> float:
 
 
 def horizon(stamps_ns: np.ndarray, seconds: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return (M,), (M,) indices of samples that are so many seconds apart, within a quarter."""
+    """Return (M,), (M,) indices of samples that are ``seconds`` apart, to a quarter of it."""
     target = stamps_ns + round(seconds * 1e9)
     end = nearest(target, stamps_ns)
     begin = np.arange(len(stamps_ns))

@@ -14,16 +14,22 @@ from vio_eval_ros.core.steps import distances, step_lengths
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.limits import DiagnosisLimits
 
-#: an interval is as usual up to so many usual ones
+#: longest interval that still counts as usual, in usual intervals
 USUAL_RATIO = 1.5
-#: a gap is longer than so many usual intervals
+#: interval above which tracking was lost, in usual intervals
 GAP_RATIO = 5.0
-#: in a gap of an irregular stream the truth moves so many times as far as between other poses
-GAP_PATH_RATIO, GAP_PATH_M = 3.0, 0.5
-#: the share of usual intervals that a stream with a rate has at least, and its fewest long ones
-USUAL_SHARE, FEWEST_LONG_INTERVALS = 0.45, 5
-#: of the usual speed, the share that is still not slower; beyond chance, in standard deviations
-SPEED_SHARE, CHANCE_DEVIATIONS = 0.75, 3.0
+#: motion of the truth in a gap of an irregular stream, over that between other poses, at least ...
+GAP_PATH_RATIO = 3.0
+#: ... and in metres
+GAP_PATH_M = 0.5
+#: smallest share of usual intervals in a stream that has a rate
+USUAL_SHARE = 0.45
+#: fewest long intervals by which single poses are missing
+FEWEST_LONG_INTERVALS = 5
+#: speed in long intervals, over that in the others, below which the body is slower there ...
+SPEED_SHARE = 0.75
+#: ... if the difference also exceeds this many standard deviations of the speed
+CHANCE_DEVIATIONS = 3.0
 
 
 @dataclass(frozen=True)

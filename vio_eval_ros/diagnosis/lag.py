@@ -24,22 +24,34 @@ from vio_eval_ros.diagnosis.fitting import (
 )
 from vio_eval_ros.diagnosis.geometry import UP
 
-#: speeds are correlated at this step, each over this window
-GRID_S, WINDOW_S = 0.01, 0.1
-#: a stamp of zero among those of today must not take all memory
+#: interval between the samples at which speeds are correlated
+GRID_S = 0.01
+#: window over which each speed is taken
+WINDOW_S = 0.1
+#: most samples of that grid: a stamp of zero among those of today must not take all memory
 MOST_GRID_SAMPLES = 1 << 21
-#: over a few samples of the truth a difference is all noise, which would pass for motion
+#: half of the interval over which the truth is differentiated; over a shorter one noise would pass
+#: for motion
 PROBE_S = 0.05
-#: over which relative motions are compared
+#: interval over which relative motions are compared
 MOTION_S = 0.25
-#: rotation vectors are ambiguous near π
+#: largest rotation that is compared: rotation vectors are ambiguous near π
 LARGEST_ROTATION_RAD = 2.6
-#: where only positions determine the lag, scale and heading may follow polynomials, whose degree
-#: rises by one in so many seconds
-SECONDS_PER_DEGREE, LARGEST_DEGREE = 15.0, 8
-GAUSS_NEWTON_STEPS, LARGEST_STEP_S, LAG_CONVERGED_S = 15, 0.1, 1e-6
-#: what interpolation and the rounding of stamps leave, even of a perfect run
-FLOOR_S, FLOOR_INTERVALS = 2e-4, 0.02
+#: duration of a run for each degree of the polynomials that scale and heading follow, where only
+#: positions determine the lag ...
+SECONDS_PER_DEGREE = 15.0
+#: ... and their largest degree
+LARGEST_DEGREE = 8
+#: most steps of Gauss-Newton ...
+GAUSS_NEWTON_STEPS = 15
+#: ... the largest change of the lag in one of them ...
+LARGEST_STEP_S = 0.1
+#: ... and the change up to which the lag has converged
+LAG_CONVERGED_S = 1e-6
+#: smallest uncertainty of a lag, even of a perfect run: the rounding of stamps ...
+FLOOR_S = 2e-4
+#: ... and interpolation, in intervals of the truth
+FLOOR_INTERVALS = 0.02
 
 
 def speed_peak(estimate: Trajectory, truth: Trajectory, max_gap_s: float) -> Peak:

@@ -7,9 +7,9 @@ import math
 
 from vio_eval_ros.diagnosis.fitting import student, T_95
 
-#: a parameter is observable where a fault of so many times the healthy limit would have shown
+#: largest uncertainty of an observable parameter, over its healthy limit
 OBSERVABLE_RATIO = 2.0
-#: what is beyond the healthy limit by so many times its uncertainty is significant
+#: smallest significant excess over the healthy limit, over the uncertainty
 SIGNIFICANT_RATIO = 1.5
 
 

@@ -11,20 +11,31 @@ from vio_eval_ros.diagnosis.correlation import correlate
 from vio_eval_ros.diagnosis.fitting import BLOCKS, T_95
 from vio_eval_ros.errors import NoPairs
 
+#: fewest samples of each signal
 FEWEST_SAMPLES = 20
+#: most samples of the grid on which signals are correlated
 MOST_SIGNAL_SAMPLES = 1 << 20
-ROOT_STEPS, ROOT_CONVERGED_S = 8, 1e-7
-#: short parts of the signals, and within how many of their standard deviations 95 % of Student's
-#: distribution are
-PARTS, T_95_OF_PARTS = 30, 2.045
-#: The smoothing is chosen by how precise the parts make the lag: a wider one has to be as many
-#: times as precise, and one that is so many times less precise follows the noise.
-PREFERENCE_RATIO, WORSE_RATIO = 1.3, 1.6
-#: of the longer interval between samples, for each radian by which the signals change in it: what
-#: interpolation leaves of hardly sampled ones
+#: most steps of Newton's method ...
+ROOT_STEPS = 8
+#: ... and the change up to which the lag has converged
+ROOT_CONVERGED_S = 1e-7
+#: short parts of the signals whose scatter gives the uncertainty of the lag ...
+PARTS = 30
+#: ... and half of the 95 % interval of Student's distribution for them, in standard errors
+T_95_OF_PARTS = 2.045
+#: uncertainty of the lag under a narrower smoothing, over the best one, up to which the narrower
+#: one is preferred ...
+PREFERENCE_RATIO = 1.3
+#: ... and above which it follows the noise, as all narrower ones would
+WORSE_RATIO = 1.6
+#: uncertainty that interpolation leaves, as a share of the longer interval between samples, for
+#: each radian by which the signals change in it
 INTERPOLATION_FLOOR = 0.04
-#: another peak may be the right one where no more than this is left unexplained
-RIVAL_RATIO, RIVAL_RESIDUAL = 1.1, 0.02
+#: unexplained share of the variance under another peak that may be the right one: at most this
+#: many times that under the highest ...
+RIVAL_RATIO = 1.1
+#: ... plus this
+RIVAL_RESIDUAL = 0.02
 
 
 @dataclass(frozen=True)

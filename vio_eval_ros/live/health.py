@@ -19,13 +19,14 @@ from vio_eval_ros.live.snapshot import RunState, Snapshot, TopicState
 from vio_eval_ros.recordings.messages import CONVERTERS
 from vio_eval_ros.rendering.text import number
 
-#: a smaller share of the ground truth that was tracked is worth a warning
+#: share of the ground truth that was tracked, below which there is a warning
 LOW_COVERAGE_RATIO = 0.9
-#: a larger share of poses that could not be used is worth a warning
+#: share of poses that could not be used, above which there is a warning
 MANY_DROPPED_RATIO = 0.01
-#: an estimate has diverged where it is off by so many times the extent of the ground truth,
-#: or moved so many times as far, and by so many metres
+#: error over the extent of the ground truth, and motion over that of the ground truth, above which
+#: an estimate has diverged ...
 DIVERGED_RATIO = 10.0
+#: ... if the error, or the excess of the motion over that, is also larger than this
 DIVERGED_M = 10.0
 
 

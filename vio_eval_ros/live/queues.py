@@ -18,13 +18,15 @@ from vio_eval_ros.core.association import AFTER_ALL, BEFORE_ALL
 from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.recordings.messages import PathRevisions
 
+#: smallest step back of the stamps that begins another run
 JUMP_BACK_NS = 1_000_000_000
+#: smallest step ahead after which a pose is set aside, until others confirm it
 JUMP_AHEAD_NS = 60_000_000_000
-#: so many poses in a row must have jumped
+#: fewest poses in a row that confirm a jump
 MIN_JUMPED = 5
 #: how long to wait for the other stream to jump back as well
 LAG_S = 5.0
-#: so many jumps may wait: two publishers with different clocks must not split a stream for ever
+#: most jumps that wait: two publishers with different clocks must not split a stream for ever
 MOST_WAITING = 3
 
 
@@ -142,7 +144,7 @@ class PathQueue(RunQueue):
     """
     The poses of Path messages as first published, separated by run.
 
-    A Path that ends before the middle of the run so far begins the next run, if the message after
+    A Path that ends before the middle of the current run begins the next run, if the message after
     it does so too: a single one is late, and one that ends a little earlier has been pruned.
 
     :param topic: what an error names.
