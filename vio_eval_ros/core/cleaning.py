@@ -12,7 +12,8 @@ from vio_eval_ros.core.trajectory import Poses, Trajectory
 
 MIN_QUATERNION_NORM = 1e-6
 UNIT_QUATERNION_TOLERANCE = 1e-2
-LARGEST = 1e100
+#: larger ones overflow where they are squared
+LARGEST_NUMBER = 1e100
 REPAIRED = ('went_backwards', 'scaled_quaternion')
 
 
@@ -81,8 +82,8 @@ def clean(poses: Poses, counts: Cleaning, newest_ns: int | None = None) -> Traje
     keep = np.ones(len(poses), bool)
     for column in (poses.positions, poses.rotations):
         # nearly always all are, which is faster to find out at once than for each row
-        if column is not None and not np.abs(column).max(initial=0) < LARGEST:
-            keep &= (np.abs(column) < LARGEST).all(axis=1)
+        if column is not None and not np.abs(column).max(initial=0) < LARGEST_NUMBER:
+            keep &= (np.abs(column) < LARGEST_NUMBER).all(axis=1)
     counts.non_finite += len(poses) - int(np.count_nonzero(keep))
     if poses.zero_is_unset:
         counts.zero_stamp += int(np.count_nonzero(keep & (poses.stamps_ns == 0)))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 #: larger values cannot be measurements of an IMU or poses; they come from misread bytes
-LARGEST = 1e12
+LARGEST_MEASUREMENT = 1e12
 #: at most this many occurrences are listed
 MAX_MOMENTS = 200
 #: simulated time begins with 0: that is a stamp if the next message follows within this many
@@ -75,7 +75,7 @@ class SensorStream:
     def is_usable(self) -> np.ndarray:
         """(N,) whether all numbers of a message are finite and not absurdly large."""
         assert self.numbers is not None
-        return (np.abs(self.numbers) < LARGEST).all(axis=1)
+        return (np.abs(self.numbers) < LARGEST_MEASUREMENT).all(axis=1)
 
     @property
     def is_stamped(self) -> np.ndarray:

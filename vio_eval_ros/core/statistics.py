@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+#: half of the 95 % interval of a normal distribution, in standard deviations
+NORMAL_95 = 1.96
 STATISTICS = ('rmse', 'mean', 'median', 'std', 'min', 'max', 'p95')
 
 

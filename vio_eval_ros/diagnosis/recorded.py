@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vio_eval_ros.core.cleaning import clean, Cleaning, LARGEST
+from vio_eval_ros.core.cleaning import clean, Cleaning, LARGEST_NUMBER
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.limits import PROFILES
 from vio_eval_ros.diagnosis.diagnosis import diagnose
@@ -136,7 +136,7 @@ def read_signal(path: Path) -> SignalFile:
         raise ReadError(path, 'a signal has two columns, time and value')
     stamps_ns, first = np.unique(rows.nanoseconds(path, rows.likely_unit), return_index=True)
     values = rows.values[first, 1]
-    known = np.abs(values) < LARGEST
+    known = np.abs(values) < LARGEST_NUMBER
     if not known.any():
         raise ReadError(path, 'its second column has no finite value')
     kept = stamps_ns[known]

@@ -14,12 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vio_eval_ros.core.statistics import NORMAL_95
 from vio_eval_ros.imu.allan import Curve, interval, Variances
 from vio_eval_ros.imu.limits import ImuNoiseLimits
 
 FLAT = 2 * np.log(2) / np.pi  # the Allan variance of flicker noise over B²: 0.664²
 WALK, RAMP = 2, 3  # the columns of a random walk and of a steady drift
-SIGMAS_95 = 1.96  # standard deviations in half of a 95 % confidence interval
 MODEL_ERROR = 0.02  # of a variance: no real sensor follows the model more closely
 WHITE_SLOPE, SLOPE_TOLERANCE = -0.5, 0.02  # of the Allan deviation, logarithmic
 MAX_SLOPE_ERROR = 0.1  # a slope known less well does not show where white noise begins
@@ -264,9 +264,9 @@ def _is_significant(
 
 def _upper_limits(curve: Curve, used: np.ndarray, whole: _Estimate) -> np.ndarray:
     """Return what each term is at most, (3,), by the estimate of all three."""
-    upper = np.sqrt(np.maximum(whole.squares, 0) + SIGMAS_95 * whole.spreads)
+    upper = np.sqrt(np.maximum(whole.squares, 0) + NORMAL_95 * whole.spreads)
     lowest = np.flatnonzero(used)[curve.variances[used].argmin()]
-    at_most = curve.variances[lowest] + SIGMAS_95 * np.sqrt(whole.covariance[lowest, lowest])
+    at_most = curve.variances[lowest] + NORMAL_95 * np.sqrt(whole.covariance[lowest, lowest])
     upper[1] = min(upper[1], np.sqrt(at_most / FLAT))
     return np.asarray(upper)
 

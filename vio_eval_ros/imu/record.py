@@ -14,11 +14,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vio_eval_ros.core.sensor_stream import LARGEST
+from vio_eval_ros.core.sensor_stream import LARGEST_MEASUREMENT
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.imu.limits import ImuNoiseLimits
 
 AXES = ('gyro_x', 'gyro_y', 'gyro_z', 'accel_x', 'accel_y', 'accel_z')
+GRAVITY_M_S2 = 9.81  # nominal
 CAPACITY = 6_000_000  # samples kept: 8 h at 200 Hz, 288 MB
 SORTED_SAMPLES = 1 << 16  # held back, to sort in those that come late
 GAP_NEIGHBOURS = 16  # samples on either side of a long step, which show whether it is a gap
@@ -160,7 +161,7 @@ class Record:
         :param samples: (N, 6), a column per axis of ``AXES``.
         """
         self.counts.samples += len(stamps_ns)
-        finite = (np.abs(samples) < LARGEST).all(axis=1)
+        finite = (np.abs(samples) < LARGEST_MEASUREMENT).all(axis=1)
         if not finite.all():
             self.counts.not_finite += int((~finite).sum())
             stamps_ns, samples = stamps_ns[finite], samples[finite]

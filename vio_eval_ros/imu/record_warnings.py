@@ -10,10 +10,9 @@ import numpy as np
 from vio_eval_ros.imu.fit import Fit, PARAMETERS
 from vio_eval_ros.imu.limits import ImuNoiseLimits
 from vio_eval_ros.imu.movement import Seconds
-from vio_eval_ros.imu.record import AXES, NOT_NUMBERS, Signal
+from vio_eval_ros.imu.record import AXES, GRAVITY_M_S2, NOT_NUMBERS, Signal
 from vio_eval_ros.imu.vibration import Vibration
 
-GRAVITY_M_S2 = 9.81
 LISTED_TIMES = 5
 
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vio_eval_ros.core.sensor_stream import Moment, runs, SensorStream, spread
+from vio_eval_ros.core.statistics import NORMAL_95
 from vio_eval_ros.inspection.finding import are, Finding
 from vio_eval_ros.inspection.findings import FINDINGS
 from vio_eval_ros.inspection.limits import InspectionLimits
@@ -47,7 +48,6 @@ STEP_SPREADS = 10.0
 #: delay of a late message, in spreads of the latency and in periods of the stream
 LATE_SPREADS = 10.0
 LATE_PERIODS = 10.0
-CONFIDENCE_95 = 1.96
 
 
 class Line(NamedTuple):
@@ -282,7 +282,7 @@ def _findings(stream: SensorStream, found: Clocks, limits: InspectionLimits) -> 
         yield FINDINGS['clock_drift'].found(
             stream,
             'recorder',
-            interval=CONFIDENCE_95 * uncertainty,
+            interval=NORMAL_95 * uncertainty,
             total_ms=1e3 * (abs(drift) * duration_s / 1e6),
             value=drift,
         )

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from vio_eval_ros.core.sensor_stream import LARGEST, runs, SensorStream
+from vio_eval_ros.core.sensor_stream import LARGEST_MEASUREMENT, runs, SensorStream
 from vio_eval_ros.inspection.finding import are, Finding
 from vio_eval_ros.inspection.findings import FINDINGS
 from vio_eval_ros.inspection.imu_axes import shown
@@ -24,7 +24,7 @@ COARSE_LEVELS = 50
 def cut_off(values: np.ndarray, limits: InspectionLimits) -> np.ndarray:
     """Return which of (N,) values are at a limit of what the axis can measure."""
     is_cut = np.zeros(len(values), bool)
-    known = values[np.abs(values) < LARGEST]
+    known = values[np.abs(values) < LARGEST_MEASUREMENT]
     values_there = np.unique(known)
     if len(values_there) < COARSE_LEVELS:
         return is_cut

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 import math
 
-from vio_eval_ros.inspection.clocks import CONFIDENCE_95
+from vio_eval_ros.core.statistics import NORMAL_95
 from vio_eval_ros.inspection.finding import Finding
 from vio_eval_ros.inspection.inspection import InspectedStreams
 from vio_eval_ros.inspection.measured_stream import MeasuredStream
@@ -78,7 +78,7 @@ def row(report: Report, one: MeasuredStream) -> list[str]:
             latency = f'{1e3 * compared.latency_median_s:.3g} / {1e3 * compared.latency_p99_s:.3g}'
         if math.isfinite(compared.drift_ppm):
             ppm = round(compared.drift_ppm, 1) + 0.0  # -0.0 is 0.0
-            drift = f'{ppm:.1f} ± {CONFIDENCE_95 * compared.drift_uncertainty_ppm:.1f}'
+            drift = f'{ppm:.1f} ± {NORMAL_95 * compared.drift_uncertainty_ppm:.1f}'
     return [
         WORDS[report.word_of(one.stream.topic)],
         printable(one.stream.topic),

@@ -14,9 +14,10 @@ from typing import Any, TYPE_CHECKING, Union
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vio_eval_ros.core.cleaning import LARGEST, MIN_QUATERNION_NORM
+from vio_eval_ros.core.cleaning import LARGEST_NUMBER, MIN_QUATERNION_NORM
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import InputError
+from vio_eval_ros.recordings.rows import LATEST_NS
 from vio_eval_ros.recordings.sources import Source
 
 if TYPE_CHECKING:
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
 POSITION, ROTATION = ['x', 'y', 'z'], ['qx', 'qy', 'qz', 'qw']
 #: estimators are slower than 5 kHz; stamps closer together are of another unit, or frame numbers
 SHORTEST_PERIOD_NS = 200_000
-#: within these, sums and differences of stamps fit into int64; it is the year 2116
-LATEST_NS = 1 << 62
 #: of a run; shorter ones may have stamps of another unit
 SHORTEST_RUN_S = 1.0
 INDEX_FORMS = 'dates, float seconds or integer nanoseconds'
@@ -218,8 +217,8 @@ def _numbers(name: str, values: ArrayLike, shape: tuple[int, int]) -> np.ndarray
             'columns'
         )
     largest = np.abs(array).max(initial=0.0)
-    if largest >= LARGEST:
-        raise InputError(f'{name}: expected numbers below {LARGEST:g}, got {largest:g}')
+    if largest >= LARGEST_NUMBER:
+        raise InputError(f'{name}: expected numbers below {LARGEST_NUMBER:g}, got {largest:g}')
     return array
 
 

@@ -19,10 +19,10 @@ import numpy as np
 
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.container import Topic
+from vio_eval_ros.recordings.rows import INT64_MAX
 from vio_eval_ros.recordings.storage import OfferedQos, standard_types
 
 TYPES = standard_types(ros1=False).types
-LATEST_NS = 2**63 - 1
 ENCODINGS = {'L': 'mono8', 'I;16': 'mono16', 'RGB': 'rgb8'}  # of Pillow, of ROS
 
 
@@ -237,7 +237,7 @@ def _rows(folder: Path, sensor: Sensor) -> Iterator[tuple[int, list[str]]]:
                         path,
                         f'line {number}: expected a stamp [ns] and {sensor.columns - 1} values',
                     )
-                if int(row[0]) > LATEST_NS:
+                if int(row[0]) > INT64_MAX:
                     raise ReadError(
                         path, f'line {number}: {row[0].strip()} is too large to be a stamp [ns]'
                     )

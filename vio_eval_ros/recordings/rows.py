@@ -20,6 +20,7 @@ from vio_eval_ros.errors import ReadError
 #: the units of stamps, and how many decimals each has down to nanoseconds
 STAMP_UNITS = {'s': 9, 'ms': 6, 'us': 3, 'ns': 0}
 LATEST_S = 1e11  # a larger stamp (after the year 5138) is in a smaller unit
+#: within these, sums and differences of stamps fit into int64; it is the year 2116
 LATEST_NS = 1 << 62
 INT64_MAX = (1 << 63) - 1
 EXACT = 1 << 53  # integers below it are exact as float64

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from vio_eval_ros.core import rotation
-from vio_eval_ros.core.cleaning import LARGEST
+from vio_eval_ros.core.cleaning import LARGEST_NUMBER
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.trajectory import Trajectory
@@ -52,7 +52,7 @@ class BaselineSequence:
             for metric, of in content['metrics'].items()
         }
         for metric, values in metrics.items():
-            if not values or not all(abs(value) < LARGEST for value in values):
+            if not values or not all(abs(value) < LARGEST_NUMBER for value in values):
                 raise ValueError(f'{metric} has no values, or invalid ones')
         digest, stated = (
             None if truth is None else str(truth)

@@ -10,7 +10,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, NoReturn, TypeVar
 
-from vio_eval_ros.core.cleaning import LARGEST
+from vio_eval_ros.core.cleaning import LARGEST_NUMBER
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.gates import Gate, LIMITS, SEVERITIES
 from vio_eval_ros.errors import ConfigError, ReadError
@@ -185,7 +185,7 @@ def _rule(comparison: Mapping[str, Any]) -> tuple[Rule, tuple[float, ...]]:
     """Return a rule, and the values of the baseline."""
     limits = dict(_of(comparison['rule'], dict))
     values = tuple(finite(value) for value in _of(comparison['baseline_values'], list))
-    if not all(abs(value) < LARGEST for value in values):
+    if not all(abs(value) < LARGEST_NUMBER for value in values):
         raise ValueError('a baseline has invalid values')
     return Rule.of(_of(limits.pop('metric'), str), limits), values
 

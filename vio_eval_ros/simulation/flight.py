@@ -8,8 +8,8 @@ import numpy as np
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.trajectory import Trajectory
+from vio_eval_ros.imu.record import GRAVITY_M_S2
 
-GRAVITY_M_S2 = 9.81
 UPWARDS = np.array([0.0, 0.0, GRAVITY_M_S2])
 
 FIRST_STAMP_NS = 1_403_715_524_907_140_096  # at the time of the EuRoC recordings

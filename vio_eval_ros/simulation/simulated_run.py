@@ -8,9 +8,10 @@ import numpy as np
 
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.imu.record import GRAVITY_M_S2
 from vio_eval_ros.imu.simulated_noise import NoiseModel, simulate_noise
 from vio_eval_ros.simulation.drift import Drift, estimate, GOOD_STEREO
-from vio_eval_ros.simulation.flight import FIRST_STAMP_NS, Flight, GRAVITY_M_S2
+from vio_eval_ros.simulation.flight import FIRST_STAMP_NS, Flight
 
 TRUTH_PERIOD_NS = 5_000_000
 IMU_PERIOD_NS = 5_000_000
