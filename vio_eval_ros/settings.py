@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import fields
+from functools import partial
 import math
 from pathlib import Path
 from typing import Any
@@ -49,6 +51,18 @@ class Section(dict[str, Any]):
             if key not in known:
                 near = nearest_name(key, known) or f'; there are {", ".join(known)}'
                 raise self.error(key, f"there is no '{key}' here{near}")
+
+    def check_each(self, check: Callable[[Mapping[str, Any]], object]) -> None:
+        """
+        Check each key by itself, so that an error gives its line.
+
+        :param check: raises ``ConfigError`` for a mapping that makes no sense.
+        """
+        for key, value in self.items():
+            try:
+                check({key: value})
+            except ConfigError as error:
+                raise self.error(key, error) from None
 
     def section(self, key: str) -> Section:
         """Return the mapping under a key, an empty one where there is none."""
@@ -225,11 +239,6 @@ def limits_of(kind: type[Kind], verb: str, profile: str, path: Path | None = Non
     content = load_yaml(path)
     content.expect(*LIMITED)
     section = content.section(verb)
-    names = [item.name for item in fields(kind)]
-    section.expect(*names)
-    for name, value in section.items():
-        try:
-            kind.of(profile, {name: value})
-        except ConfigError as error:
-            raise section.error(name, error) from None
+    section.expect(*(item.name for item in fields(kind)))
+    section.check_each(partial(kind.of, profile))
     return kind.of(profile, section)

@@ -100,15 +100,21 @@ def _sensors(content: Section) -> dict[str, Section]:
 
 def _add(file: CalibrationFile, name: str, sensor: Section) -> None:
     """Add a sensor to its file."""
+    if sensor.get('sensor_type', name[:3]) in ('camera', 'cam'):
+        _add_camera(file, name, sensor)
+    else:
+        _add_imu(file, name, sensor)
+
+
+def _add_imu(file: CalibrationFile, name: str, sensor: Section) -> None:
+    _transformations(file, name, sensor, ('T_BS', 'T_i_b'))
+    known = [key for key in (*NOISE, *RATES) if key in sensor]
+    file.noise[name] = {key: _number(sensor, key) for key in known}
+
+
+def _add_camera(file: CalibrationFile, name: str, sensor: Section) -> None:
     keys = [key for key in (*FROM_CAMERA, *TO_CAMERA) if key in sensor]
-    is_camera = sensor.get('sensor_type', name[:3]) in ('camera', 'cam')
-    wanted = (*keys[:1], FROM_CAMERA_BEFORE) if is_camera else ('T_BS', 'T_i_b')
-    given = {key: _matrix(sensor, key) for key in wanted if key in sensor}
-    file.given.update({(name, key): matrix for key, matrix in given.items()})
-    if not is_camera:
-        known = [key for key in (*NOISE, *RATES) if key in sensor]
-        file.noise[name] = {key: _number(sensor, key) for key in known}
-        return
+    given = _transformations(file, name, sensor, (*keys[:1], FROM_CAMERA_BEFORE))
     before = next(reversed(file.cameras), None)
     if FROM_CAMERA_BEFORE in given and before is not None:
         file.between[name] = given[FROM_CAMERA_BEFORE]
@@ -129,6 +135,15 @@ def _add(file: CalibrationFile, name: str, sensor: Section) -> None:
         raise sensor.error(name, f'{name} has none of {", ".join(known)}')
     if 'timeshift_cam_imu' in sensor:
         file.shifts[name] = _number(sensor, 'timeshift_cam_imu')
+
+
+def _transformations(
+    file: CalibrationFile, name: str, sensor: Section, keys: Sequence[str]
+) -> dict[str, np.ndarray]:
+    """Return the (4, 4) matrices under those of the keys that are there, and remember them."""
+    given = {key: _matrix(sensor, key) for key in keys if key in sensor}
+    file.given.update({(name, key): matrix for key, matrix in given.items()})
+    return given
 
 
 def _number(sensor: Section, key: str) -> float:

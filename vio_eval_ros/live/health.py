@@ -274,11 +274,8 @@ def diagnosis(run: RunState) -> Status:
     if run.diagnosis_problem:
         messages.append(diagnosis_failed(run.diagnosis_problem))
     unmoved = any(cause.name == 'insufficient_motion' for cause in causes)
-    if causes and not unmoved:
-        first, *others = causes
-        messages.append(f'{first.name}: {first.evidence}')
-        if others:
-            messages.append(f'also {", ".join(cause.name for cause in others)}')
+    if not unmoved:
+        messages += _messages_of(causes)
         for k, cause in enumerate(causes, 1):
             values |= {f'cause_{k}': cause.name, **_values_of(cause)}
     if found is not None:
@@ -293,6 +290,15 @@ def diagnosis(run: RunState) -> Status:
     else:
         message = 'nothing unusual'
     return Status('diagnosis', Level.OK, message, values)
+
+
+def _messages_of(causes: Sequence[Cause]) -> list[str]:
+    """Return the evidence of the first cause, and the names of the others."""
+    if not causes:
+        return []
+    first, *others = causes
+    also = [f'also {", ".join(cause.name for cause in others)}'] if others else []
+    return [f'{first.name}: {first.evidence}', *also]
 
 
 def _values_of(cause: Cause) -> dict[str, object]:

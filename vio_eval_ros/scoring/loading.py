@@ -128,11 +128,7 @@ def _ground_truth(own: Section, base: Path, runs: Iterable[RunSpec]) -> str:
 def _config(entry: Entry) -> EvaluationConfig:
     merged: dict[str, Any] = {}
     for section in entry.sections('options'):
-        for key, value in section.items():
-            try:
-                EvaluationConfig.from_mapping({key: value})
-            except ConfigError as error:
-                raise section.error(key, error) from None
+        section.check_each(EvaluationConfig.from_mapping)
         merged |= section
     try:
         return EvaluationConfig.from_mapping(merged)
@@ -144,10 +140,6 @@ def _stack(entry: Entry) -> dict[str, Any]:
     """Return what is stated of the software under test; its files are read for manifests only."""
     merged: dict[str, Any] = {}
     for section in entry.sections('stack'):
-        for key, value in section.items():
-            try:
-                check_stack({key: value})
-            except ConfigError as error:
-                raise section.error(key, error) from None
+        section.check_each(check_stack)
         merged |= section
     return merged

@@ -35,13 +35,22 @@ class Match(NamedTuple):
 
 def runs_of(sequence: Section, base: Path) -> Iterator[RunSpec]:
     """Yield a run for each match of the estimate, or of the recording that it is in."""
-    keys = [
-        'estimate',
-        *(key for key in ('causal', 'recording') if sequence.get(key) is not None),
-    ]
-    found = {key: matches(sequence, key, base) for key in keys}
+    for run in _paired(sequence, base):
+        estimate, recording, causal = run['estimate'], run.get('recording'), run.get('causal')
+        yield RunSpec(
+            f'{run["recording"].name}:{estimate.name}' if estimate.is_topic else estimate.name,
+            estimate.spec,
+            recording=None if recording is None else Path(recording.spec),
+            causal=None if causal is None else causal.spec,
+        )
+
+
+def _paired(sequence: Section, base: Path) -> Iterator[dict[str, Match]]:
+    """Yield, for each run, the match of every key; what matches once serves all runs."""
+    optional = (key for key in ('causal', 'recording') if sequence.get(key) is not None)
+    found = {key: matches(sequence, key, base) for key in ('estimate', *optional)}
     count = max(map(len, found.values()))
-    many = [key for key in keys if len(found[key]) == count > 1]
+    many = [key for key, matched in found.items() if len(matched) == count > 1]
     for key, matched in found.items():
         if len(matched) == 1 and (key == 'recording' or matched[0].is_topic):
             found[key] = matched * count
@@ -49,15 +58,8 @@ def runs_of(sequence: Section, base: Path) -> Iterator[RunSpec]:
             raise sequence.error(key, f'{key}: {len(matched)} matches for {count} runs')
     for key in many[1:]:
         found[key] = _in_order_of(found[many[0]], sequence, key, found[key])
-    for k in range(count):
-        run = {key: matched[k] for key, matched in found.items()}
-        name = run['estimate'].name
-        yield RunSpec(
-            f'{run["recording"].name}:{name}' if run['estimate'].is_topic else name,
-            run['estimate'].spec,
-            recording=Path(run['recording'].spec) if 'recording' in run else None,
-            causal=run['causal'].spec if 'causal' in run else None,
-        )
+    for matched in zip(*found.values(), strict=True):
+        yield dict(zip(found, matched, strict=True))
 
 
 def matches(sequence: Section, key: str, base: Path) -> list[Match]:
