@@ -1,11 +1,14 @@
 """`inspect` as its users run it: arguments in, output and an exit status out."""
 
 from collections.abc import Iterable, Sequence
+import errno
 from functools import partial
 import json
 from pathlib import Path
 import shutil
+import tempfile
 from typing import Any
+from unittest.mock import Mock
 
 from mcap.reader import make_reader
 from mcap.writer import Writer
@@ -469,15 +472,17 @@ def test_what_cannot_be_inspected_is_told_in_a_line(clean, tmp_path, shared_data
     [
         ('--report', 'html:{out}', True, 'is a folder; name a file in it'),
         ('--report', 'json:{out}/no/found.json', True, 'there is no folder'),
-        ('--report', 'json:{out}/found.json', False, 'cannot be written to'),
-        ('--clip', '{out}/clips', False, 'cannot be written to'),
+        ('--report', 'json:{out}/found.json', False, 'cannot write: Permission denied'),
+        ('--clip', '{out}/clips', False, 'cannot write: Permission denied'),
     ],
 )
 def test_what_cannot_be_written_is_refused_before_reading(
     option, target, writable, problem, tmp_path, monkeypatch, capsys
 ):
     monkeypatch.setattr(verb, 'inspect_recording', lambda *_, **__: pytest.fail('it was read'))
-    monkeypatch.setattr(verb.os, 'access', lambda *_: writable)
+    if not writable:
+        denied = PermissionError(errno.EACCES, 'Permission denied')
+        monkeypatch.setattr(tempfile, 'TemporaryFile', Mock(side_effect=denied))
     assert verb.main(['run.mcap', option, target.format(out=tmp_path)]) == 2
     assert problem in capsys.readouterr().err
 

@@ -186,18 +186,23 @@ def test_every_report_is_written(flight, tmp_path):
     )
 
 
+def test_a_report_in_the_place_of_a_folder_is_refused_before_reading(flight, tmp_path):
+    done = replay(*pair(flight), '--report', f'json:{tmp_path}')
+    assert (done.returncode, done.stdout) == (2, '')
+    assert f'{tmp_path}: cannot write: it is a folder; name a file in it' in done.stderr
+
+
 def test_a_report_that_cannot_be_written_does_not_lose_the_result(flight, tmp_path):
-    (tmp_path / 'taken').mkdir()
     done = replay(
         *pair(flight),
         '--report',
-        f'json:{tmp_path}/taken',
+        'json:/dev/full',
         '--report',
         f'csv:{tmp_path}/errors.csv',
     )
     assert done.returncode == 2
     assert 'ATE position' in done.stdout
-    assert 'taken: cannot write' in done.stderr
+    assert '/dev/full: cannot write' in done.stderr
     assert (tmp_path / 'errors.csv').exists()
 
 

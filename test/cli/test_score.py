@@ -313,29 +313,32 @@ def test_every_report_is_written_and_twice_the_same(flights, baseline, tmp_path)
     assert printed == (tmp_path / '0.json').read_text()
 
 
+def test_a_report_in_the_place_of_a_folder_is_refused_before_scoring(flights, tmp_path):
+    done = score(flights / 'equal.yaml', f'--report=json:{tmp_path}')
+    assert (done.returncode, done.stdout) == (2, '')
+    assert f'{tmp_path}: cannot write: it is a folder; name a file in it' in done.stderr
+
+
 def test_a_report_that_cannot_be_written_loses_nothing_else(flights, tmp_path):
-    (tmp_path / 'taken').mkdir()
     done = score(
         flights / 'equal.yaml',
-        f'--report=json:{tmp_path}/taken',
+        '--report=json:/dev/full',
         f'--report=csv:{tmp_path}/runs.csv',
         f'--record-baseline={tmp_path}/baseline.json',
     )
     assert done.returncode == 2
-    assert 'taken: cannot write' in done.stderr
+    assert '/dev/full: cannot write' in done.stderr
     assert 'pass: 0 of 1 sequences failed' in done.stdout
     assert sorted(path.name for path in tmp_path.iterdir()) == [
         'baseline.json',
         'runs.csv',
-        'taken',
     ]
 
 
-def test_a_baseline_that_cannot_be_written_loses_nothing_else(flights, tmp_path):
-    (tmp_path / 'taken').mkdir()
-    done = score(flights / 'equal.yaml', '--record-baseline', tmp_path / 'taken', '--json')
+def test_a_baseline_that_cannot_be_written_loses_nothing_else(flights):
+    done = score(flights / 'equal.yaml', '--record-baseline', '/dev/full', '--json')
     assert done.returncode == 2
-    assert 'taken: cannot write' in done.stderr
+    assert '/dev/full: cannot write' in done.stderr
     assert json.loads(done.stdout)['verdict'] == 'pass'
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Sequence
 from functools import partial
-import os
 from pathlib import Path
 import re
 
@@ -13,7 +12,7 @@ from vio_eval_ros.cli.limits import add_limits, chosen_limits
 from vio_eval_ros.cli.shell import complain, Parser, progress, run
 from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
 from vio_eval_ros.core.config import nearest_name
-from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE, VioEvalError, WriteError
+from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE, VioEvalError
 from vio_eval_ros.inspection.expectations import Expectations
 from vio_eval_ros.inspection.finding import Finding
 from vio_eval_ros.inspection.findings import FINDINGS
@@ -24,7 +23,7 @@ from vio_eval_ros.inspection.report import json_document
 from vio_eval_ros.inspection.text_report import text_document
 from vio_eval_ros.recordings.clips import Clips
 from vio_eval_ros.recordings.playback import Playback
-from vio_eval_ros.rendering.files import write
+from vio_eval_ros.rendering.files import check_folder, make_writable, write
 
 VERB = 'inspect'
 EXAMPLES = """
@@ -100,18 +99,8 @@ def _parser() -> Parser:
 
 def _run(arguments: argparse.Namespace) -> int:
     failing = [name for name in arguments.fail_on.split(',') if name]
-    for name in failing:
-        if name not in FINDINGS:
-            near = nearest_name(name, FINDINGS) or f'; {", ".join(FINDINGS)}'
-            raise ConfigError(f"--fail-on: there is no finding '{name}'{near}")
-    if not 0 <= arguments.clip_s <= MAX_MARGIN_S:
-        raise ConfigError(f'--clip-s: expected a number of seconds from 0 to {MAX_MARGIN_S}')
     targets = [Target.parse(text, REPORTS) for text in arguments.report]
-    optional = [path for path in (arguments.expect, arguments.limits) if path is not None]
-    check_targets(targets, [arguments.recording, *arguments.calibration, *optional])
-    _check_reports(targets)
-    if arguments.clip is not None:
-        _check_clips(arguments.clip, arguments.recording)
+    _check(arguments, failing, targets)
     report = inspect_recording(
         arguments.recording,
         arguments.calibration,
@@ -130,17 +119,20 @@ def _run(arguments: argparse.Namespace) -> int:
     return FAILED if report.has_failed(failing) else PASSED
 
 
-def _check_reports(targets: Sequence[Target]) -> None:
-    """Raise ``ConfigError`` where reports cannot be, before a long recording is read."""
-    for target in targets:
-        if target.path.is_dir():
-            raise ConfigError(f'{target.format}:{target.path} is a folder; name a file in it')
-        _check_writable(target.path.resolve().parent)
-
-
-def _check_writable(folder: Path) -> None:
-    if not os.access(folder, os.W_OK | os.X_OK):
-        raise ConfigError(f'the folder {folder} cannot be written to')
+def _check(
+    arguments: argparse.Namespace, failing: Sequence[str], targets: Sequence[Target]
+) -> None:
+    """Check the arguments, before a long recording is read."""
+    for name in failing:
+        if name not in FINDINGS:
+            near = nearest_name(name, FINDINGS) or f'; {", ".join(FINDINGS)}'
+            raise ConfigError(f"--fail-on: there is no finding '{name}'{near}")
+    if not 0 <= arguments.clip_s <= MAX_MARGIN_S:
+        raise ConfigError(f'--clip-s: expected a number of seconds from 0 to {MAX_MARGIN_S}')
+    optional = [path for path in (arguments.expect, arguments.limits) if path is not None]
+    check_targets(targets, [arguments.recording, *arguments.calibration, *optional])
+    if arguments.clip is not None:
+        _check_clips(arguments.clip, arguments.recording)
 
 
 def _check_clips(folder: Path, recording: Path) -> None:
@@ -151,14 +143,14 @@ def _check_clips(folder: Path, recording: Path) -> None:
         raise ConfigError(f'--clip: {folder} is not a folder')
     if recording.resolve() in (folder.resolve(), *folder.resolve().parents):
         raise ConfigError(f'--clip: {folder} is in the recording')
-    _check_writable(folder if folder.exists() else folder.parent)
+    check_folder(folder if folder.exists() else folder.parent)
 
 
 def _clipped(arguments: argparse.Namespace, findings: Sequence[Finding]) -> bool:
     """Return whether the clips could be written; what was found has been printed already."""
     timed = [finding for finding in findings if finding.moments]
     try:
-        _make_folder(arguments.clip)
+        make_writable(arguments.clip)
         for line in _clips(arguments, timed[:MAX_CLIPS]):
             if not arguments.json:
                 print(line)
@@ -168,13 +160,6 @@ def _clipped(arguments: argparse.Namespace, findings: Sequence[Finding]) -> bool
     if len(timed) > MAX_CLIPS:
         complain(VERB, f'--clip: {len(timed) - MAX_CLIPS} more findings have no clip')
     return True
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise WriteError(folder, error.strerror or str(error)) from None
 
 
 def _clips(arguments: argparse.Namespace, findings: Sequence[Finding]) -> Iterator[str]:

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from vio_eval_ros.cli.completion import complete, reports
 from vio_eval_ros.cli.shell import complain
 from vio_eval_ros.errors import ConfigError, VioEvalError
-from vio_eval_ros.rendering.files import write
+from vio_eval_ros.rendering.files import check_file, write
 
 
 def add_reports(group: Any, formats: Iterable[str]) -> None:
@@ -53,10 +53,11 @@ class Target(NamedTuple):
 
 def check_targets(targets: Sequence[Target], inputs: Sequence[Path]) -> None:
     """
-    Check that no report overwrites another one or an input.
+    Check, before anything long is read, that reports can be written and overwrite nothing.
 
     :raises ConfigError: two reports, or a report and an input, are the same file, or a report is
         in a folder that is an input.
+    :raises WriteError: the file of a report cannot be written.
     """
     folders = {path.resolve(): path for path in inputs if path.is_dir()}
     taken = {path.resolve(): f'the input {path}' for path in inputs}
@@ -68,6 +69,7 @@ def check_targets(targets: Sequence[Target], inputs: Sequence[Path]) -> None:
             raise ConfigError(
                 f'{target.format}:{target.path} would be written into the input {folders[folder]}'
             )
+        check_file(target.path)
         taken[path] = f'{target.format}:{target.path}'
 
 

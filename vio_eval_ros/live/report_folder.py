@@ -7,7 +7,8 @@ from pathlib import Path
 
 from vio_eval_ros.errors import VioEvalError, WriteError
 from vio_eval_ros.evaluation.result import Result
-from vio_eval_ros.live.run import LiveRun, make_writable, remove_report
+from vio_eval_ros.live.run import LiveRun, remove_report
+from vio_eval_ros.rendering.files import make_writable
 
 
 class ReportFolder:

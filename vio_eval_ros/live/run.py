@@ -13,7 +13,6 @@ import copy
 from dataclasses import dataclass, replace
 import math
 from pathlib import Path
-from tempfile import TemporaryFile
 
 import numpy as np
 
@@ -25,13 +24,13 @@ from vio_eval_ros.core.series import MAX_WAITING_PER_PAIR, RunningSeries
 from vio_eval_ros.core.steps import step_lengths
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.diagnosis.limits import DEFAULT, DiagnosisLimits
-from vio_eval_ros.errors import ReadError, WriteError
+from vio_eval_ros.errors import ReadError
 from vio_eval_ros.evaluation.result import Input, Result
 from vio_eval_ros.live.monitor import DiagnosisMonitor
 from vio_eval_ros.live.snapshot import RunState, SideState
 from vio_eval_ros.recordings.messages import PathRevisions
 from vio_eval_ros.recordings.sources import Source
-from vio_eval_ros.rendering.files import write_all
+from vio_eval_ros.rendering.files import make_writable, write_all
 from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.tables import series_csv
@@ -280,21 +279,6 @@ class SeriesRows:
             values = self._values[k * width : (k + 1) * width]
             kinds = zip(self._kinds.items(), values, strict=True)
             yield stamp_ns, {name: kind(value) for (name, kind), value in kinds}
-
-
-def make_writable(folder: Path) -> None:
-    """
-    Create a folder where there is none, and try to write a file in it.
-
-    :raises WriteError: neither is possible.
-    """
-    try:
-        if folder.exists() and not folder.is_dir():
-            raise WriteError(folder, 'it is a file, not a folder')
-        folder.mkdir(parents=True, exist_ok=True)
-        TemporaryFile(dir=folder).close()
-    except OSError as error:
-        raise WriteError(folder, error.strerror or str(error)) from None
 
 
 def remove_report(folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""How files are written: whole or not at all."""
+"""How files are written, whole or not at all, and whether they can be."""
 
 from __future__ import annotations
 
@@ -7,6 +7,47 @@ import os
 from pathlib import Path
 
 from vio_eval_ros.errors import WriteError
+
+
+def check_folder(folder: Path) -> None:
+    """
+    Check that files can be written into a folder, by a trial file.
+
+    :raises WriteError: they cannot.
+    """
+    import tempfile
+
+    try:
+        tempfile.TemporaryFile(dir=folder).close()
+    except OSError as error:
+        raise WriteError(folder, error.strerror or str(error)) from None
+
+
+def check_file(path: Path) -> None:
+    """
+    Check that a file can be written, before its content is known.
+
+    :raises WriteError: it cannot.
+    """
+    if path.is_dir():
+        raise WriteError(path, 'it is a folder; name a file in it')
+    if path.is_file() or not path.exists():  # neither a pipe nor a device
+        check_folder(path.resolve().parent)
+
+
+def make_writable(folder: Path) -> None:
+    """
+    Create a folder where there is none, and check that files can be written into it.
+
+    :raises WriteError: neither is possible.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise WriteError(folder, 'it is a file, not a folder')
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise WriteError(folder, error.strerror or str(error)) from None
+    check_folder(folder)
 
 
 def write(path: Path, content: str | bytes) -> None:

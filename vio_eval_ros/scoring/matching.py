@@ -58,8 +58,8 @@ def _paired(sequence: Section, base: Path) -> Iterator[dict[str, Match]]:
             raise sequence.error(key, f'{key}: {len(matched)} matches for {count} runs')
     for key in many[1:]:
         found[key] = _in_order_of(found[many[0]], sequence, key, found[key])
-    for matched in zip(*found.values(), strict=True):
-        yield dict(zip(found, matched, strict=True))
+    for run in zip(*found.values(), strict=True):
+        yield dict(zip(found, run, strict=True))
 
 
 def matches(sequence: Section, key: str, base: Path) -> list[Match]:
