@@ -11,6 +11,7 @@ from typing import Any
 
 from jsonschema import Draft202012Validator
 import pytest
+from referencing import Registry, Resource
 
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.gates import Gate
@@ -32,7 +33,12 @@ from vio_eval_ros.scoring.verification import Verification, verify
 from vio_eval_ros.simulation import simulate, write_recording
 from vio_eval_ros.version import __version__
 
-SCHEMA = Path(__file__).resolve().parents[2] / 'docs/schema/manifest-1.json'
+SCHEMAS = {
+    name: json.loads(
+        (Path(__file__).resolve().parents[2] / f'docs/schema/{name}.json').read_text()
+    )
+    for name in ('manifest-1', 'result-1')
+}
 NO_STACK = Stack()
 CONFIG = EvaluationConfig(rpe_deltas=('1f',))
 FLIGHT = simulate(duration_s=2.0)
@@ -103,7 +109,9 @@ def manifest_of(
 
 def valid(content: dict[str, Any]) -> bool:
     """Return whether a manifest is as its documentation says."""
-    return Draft202012Validator(json.loads(SCHEMA.read_text())).is_valid(content)
+    result = SCHEMAS['result-1']
+    registry = Registry().with_resource(result['$id'], Resource.from_contents(result))
+    return Draft202012Validator(SCHEMAS['manifest-1'], registry=registry).is_valid(content)
 
 
 def the_run(content: dict[str, Any]) -> dict[str, Any]:
