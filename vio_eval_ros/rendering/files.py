@@ -41,9 +41,9 @@ def make_writable(folder: Path) -> None:
 
     :raises WriteError: neither is possible.
     """
-    if folder.exists() and not folder.is_dir():
-        raise WriteError(folder, 'it is a file, not a folder')
     try:
+        if folder.exists() and not folder.is_dir():
+            raise WriteError(folder, 'it is a file, not a folder')
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise WriteError(folder, error.strerror or str(error)) from None
