@@ -35,7 +35,7 @@ def test_every_python_that_the_package_names_is_tested():
     assert tested['ubuntu'] == ['22.04', '24.04']
 
 
-def test_ci_runs_what_the_readme_tells():
+def test_ci_runs_what_the_readme_says():
     run = commands('ci')
     for command in ('make demo', 'make test', 'pip install .'):
         assert command in run

@@ -75,7 +75,7 @@ def test_a_late_estimate_gets_cause_evidence_advice_and_flags(flight):
     assert 'replay: --time-offset-s -0.0' in text
 
 
-def test_a_jump_is_told_by_its_moment(flight):
+def test_a_jump_is_reported_with_its_moment(flight):
     assert '(20.00 s into the run): 0.7' in diagnose(*pair(flight, 'jumped')).stdout
 
 
@@ -131,7 +131,7 @@ def test_replay_with_the_flags_has_the_errors_of_the_unharmed_run(name, flight, 
     assert mended['rpe_1f_rot_rmse_deg'] < 1.05 * clean['rpe_1f_rot_rmse_deg']
 
 
-def test_a_tilt_that_the_alignment_does_not_take_out_is_told_to_which_does(
+def test_a_tilt_that_the_alignment_does_not_remove_is_reported_with_one_that_does(
     flight, tmp_path, capsys
 ):
     run = simulate(duration_s=40.0)
@@ -339,7 +339,7 @@ def test_two_signals_are_aligned_without_any_trajectory(tmp_path):
     assert 'a.csv repeat a stamp or are not finite numbers' in said
 
 
-def test_opposite_signs_and_ambiguous_lags_are_told(tmp_path):
+def test_opposite_signs_and_ambiguous_lags_are_reported(tmp_path):
     seconds = np.arange(0, 40, 0.01)
     wave, pulse = np.sin(3 * seconds), np.exp(-((seconds - 20) ** 2))
     for name, values in {'wave': wave, 'pulse': pulse, 'negative': -2 * pulse}.items():
@@ -411,7 +411,7 @@ def test_what_cannot_be_done_is_one_line(flight, tmp_path):
     assert 'a topic needs a RECORDING' in complaint(*pair(flight, 'est'), '--imu', '/imu0')
 
 
-def test_an_imu_topic_that_is_not_there_is_told_with_what_to_write(tmp_path):
+def test_an_imu_topic_that_is_not_there_is_reported_with_what_to_write(tmp_path):
     path = tmp_path / 'run.mcap'
     write_recording(simulate(duration_s=5.0, imu_noise=EUROC), path)
     advice = 'there is no such topic; choose --imu'

@@ -242,7 +242,7 @@ def test_what_is_expected_must_not_fail_nor_drift(tmp_path):
     assert [check for check, word in words.items() if word == 'fail'] == ['max_drift_ppm']
 
 
-def test_a_folder_is_not_judged_by_what_it_cannot_tell(tmp_path):
+def test_a_folder_is_not_judged_by_what_it_does_not_record(tmp_path):
     path = folder(tmp_path / 'euroc', flight())
     checks = {one['check'] for one in document(path, '--expect', EUROC)['expectations']}
     assert 'rate_hz' in checks
@@ -272,7 +272,7 @@ def test_a_stream_that_is_expected_and_missing_fails(clean, tmp_path):
     assert verdict['word'] == 'warn'
 
 
-def test_expectations_that_make_no_sense_are_told_with_their_line(clean, tmp_path):
+def test_expectations_that_make_no_sense_are_reported_with_their_line(clean, tmp_path):
     file = tmp_path / 'expect.yaml'
     file.write_text('streams:\n  cam:\n    topic: /cam0/image_raw\n    rate_hs: 20\n')
     told = complaint(clean, '--expect', file)
@@ -436,7 +436,7 @@ def test_published_calibrations_are_right_and_alike(clean, shared_data):
     assert any(sentence.startswith('-y of cam0 points up') for sentence in euroc)
 
 
-def test_a_chain_to_the_camera_is_told_from_one_to_the_imu(clean, shared_data):
+def test_a_chain_to_the_camera_is_distinguished_from_one_to_the_imu(clean, shared_data):
     tumvi = shared_data / 'calib/open_vins_kalibr/tum_vi/kalibr_imucam_chain.yaml'
     found = document(clean, '--calibration', tumvi)
     (told,) = found['calibration']['sentences'].values()
@@ -444,14 +444,14 @@ def test_a_chain_to_the_camera_is_told_from_one_to_the_imu(clean, shared_data):
     assert found['findings'] == []
 
 
-def test_a_file_that_is_no_calibration_is_told(clean, tmp_path):
+def test_a_file_that_is_no_calibration_is_reported(clean, tmp_path):
     file = tmp_path / 'chain.yaml'
     file.write_text('cam0:\n  T_cam_imu: [1, 2]\n')
     told = complaint(clean, '--calibration', file)
     assert 'line 2: T_cam_imu: expected a matrix of 4 rows and 4 columns' in told
 
 
-def test_what_cannot_be_inspected_is_told_in_a_line(clean, tmp_path, shared_data):
+def test_what_cannot_be_inspected_is_reported_in_a_line(clean, tmp_path, shared_data):
     assert 'there is no such file' in complaint(tmp_path / 'no.bag')
     assert 'is empty (0 bytes)' in complaint(shared_data / 'bags/rosbag_js/empty-file.bag')
     assert 'there are no messages' in complaint(shared_data / 'bags/rosbag_js/no-messages.bag')

@@ -458,7 +458,7 @@ def test_topics_that_cannot_be_scored_are_explained(shared_data):
     assert 'turtlesim/msg/Pose carries no pose' in refused
 
 
-def test_a_large_estimate_of_another_clock_is_told_by_both_spans(flight):
+def test_a_large_estimate_of_another_clock_is_reported_with_both_spans(flight):
     told = complaint(*pair(flight), '--time-offset-s', '1000')
     assert 'estimate spans 14037' in told
     assert 'are the clocks the same?' in told

@@ -65,5 +65,5 @@ def test_a_negative_number_in_any_form_is_a_value(text):
     assert parser.parse_args(['--offset', text]).offset == float(text)
 
 
-def test_argparse_still_has_the_private_attribute_that_tells_numbers_from_flags():
+def test_argparse_still_has_the_private_attribute_that_distinguishes_numbers_from_flags():
     assert argparse.ArgumentParser()._negative_number_matcher.match('-1')

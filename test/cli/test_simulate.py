@@ -83,7 +83,7 @@ def test_the_same_command_writes_the_same_bytes_and_another_seed_others(tmp_path
     assert bytes_of('other', '--seed', 8) != first
 
 
-def test_a_real_run_is_harmed_and_its_truth_kept(flight, tmp_path):
+def test_a_fault_is_added_to_a_real_run_and_its_truth_kept(flight, tmp_path):
     out = tmp_path / 'harmed'
     simulated(
         *(out, '--format', 'tum', '--from', flight / 'est.txt'),

@@ -35,7 +35,7 @@ def test_an_entry_is_complete(cause: KnownCause):
     assert '/' not in cause.unit_in_names
 
 
-def test_without_an_imu_nobody_is_told_to_check_one():
+def test_without_an_imu_nobody_is_advised_to_check_one():
     for cause in CAUSES.values():
         said = cause.advice_without_imu or cause.advice
         assert 'accelerometer' not in said

@@ -115,7 +115,7 @@ def test_clocks_that_started_apart_are_brought_together():
         (0, 0.1, {'time_offset', 'clock_drift'}),
     ],
 )
-def test_a_clock_that_drifts_is_told_from_one_that_is_off(agreed, late_s, expected):
+def test_a_clock_that_drifts_is_distinguished_from_one_that_is_off(agreed, late_s, expected):
     elapsed_ns = ESTIMATE.stamps_ns - ESTIMATE.stamps_ns[agreed]
     drifting = replace(ESTIMATE, stamps_ns=ESTIMATE.stamps_ns + elapsed_ns * 2 // 1000)
     found = diagnosis_of(late(late_s, drifting))
@@ -179,7 +179,7 @@ def on_a_floor(poses: Trajectory, noise: float, rng: np.random.Generator) -> Tra
 
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', range(4))
-def test_turns_about_one_axis_tell_neither_sensor_nor_conventions(seed):
+def test_rotations_about_one_axis_show_neither_sensor_nor_conventions(seed):
     rng, run = np.random.default_rng(seed), simulate(duration_s=30.0, seed=seed)
     found = diagnose(
         on_a_floor(run.estimate, 3e-3, rng), on_a_floor(run.ground_truth, 1e-3, rng), CONFIG
@@ -236,7 +236,7 @@ def test_the_flags_of_two_causes_do_not_undo_each_other():
         assert {c.flags for c in found.causes if c.flags} == {('--alignment', 'sim3')}
 
 
-def test_of_a_world_that_never_was_upright_no_tilt_can_be_told():
+def test_of_a_world_that_never_was_upright_no_tilt_can_be_determined():
     turn = about([1, 0, 0], 100.0)
     found = diagnosis_of(
         replace(
@@ -326,7 +326,7 @@ def test_no_estimate_as_bad_as_none_is_called_healthy():
 
 
 @pytest.mark.parametrize('seed', range(4))
-def test_two_seconds_tell_nothing(seed):
+def test_two_seconds_show_nothing(seed):
     run = simulate(duration_s=2.0, seed=seed)
     found = diagnose(run.estimate, run.ground_truth, CONFIG)
     assert names(found) == []
@@ -471,13 +471,13 @@ def test_estimate_and_truth_in_each_others_place_are_noticed():
     assert 'swapped_inputs' not in names(HEALTHY)
 
 
-def test_exchanged_sides_of_one_rate_are_told_by_where_they_begin():
+def test_exchanged_sides_of_one_rate_are_recognised_by_where_they_begin():
     found = diagnose(TRUTH[::10], ESTIMATE, CONFIG)
     assert names(found)[0] == 'swapped_inputs'
     assert found.causes[0].confidence < 0.7
 
 
-def test_axes_of_the_truth_are_told_from_those_of_the_estimate():
+def test_axes_of_the_truth_are_distinguished_from_those_of_the_estimate():
     turn = about([0, 0, 1], 30.0)
     elsewhere = replace(
         TRUTH,
@@ -521,7 +521,7 @@ def test_a_truth_that_froze_half_way_is_named():
     assert 'truth_static' in names(diagnose(ESTIMATE, replace(TRUTH, positions=positions), CONFIG))
 
 
-def test_of_two_that_stand_still_nothing_can_be_told():
+def test_of_two_that_stand_still_nothing_can_be_determined():
     def resting(poses: Trajectory) -> Trajectory:
         noise = np.random.default_rng(0).normal(0, 1e-3, (len(poses), 3))
         return Trajectory(poses.stamps_ns, noise, rotation.from_rotation_vector(noise))
@@ -531,7 +531,7 @@ def test_of_two_that_stand_still_nothing_can_be_told():
     assert set(found.cannot_tell) == set(CAUSES) - {'truth_static', 'insufficient_motion'}
 
 
-def test_what_a_straight_way_does_not_show_cannot_be_told():
+def test_what_a_straight_way_does_not_show_cannot_be_determined():
     seconds = (TRUTH.stamps_ns - TRUTH.stamps_ns[0]) / 1e9
     rng = np.random.default_rng(0)
 
@@ -548,7 +548,7 @@ def test_what_a_straight_way_does_not_show_cannot_be_told():
     assert names(found) == []
 
 
-def test_positions_alone_still_tell_offset_and_scale():
+def test_positions_alone_still_determine_offset_and_scale():
     points = replace(TRUTH, rotations=None)
     harmed = late(0.1, replace(ESTIMATE, positions=1.1 * ESTIMATE.positions))
     found = diagnose(harmed, points, CONFIG)
@@ -557,7 +557,7 @@ def test_positions_alone_still_tell_offset_and_scale():
     assert {'sensor_rotation', 'lever_arm', 'yaw_drift'} <= set(found.cannot_tell)
 
 
-def test_positions_alone_tell_small_offsets_and_tilts_but_no_drift_of_a_clock():
+def test_positions_alone_determine_small_offsets_and_tilts_but_no_drift_of_a_clock():
     points = replace(TRUTH, rotations=None)
     found = diagnose(late(0.02), points, CONFIG)
     assert names(found) == ['time_offset']
@@ -625,7 +625,7 @@ def test_the_published_run_that_lags_by_a_frame_is_found(shared_data):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('harm', [conjugated, inverted])
-def test_a_truth_that_is_inverse_is_told_from_an_estimate_that_is(harm):
+def test_a_truth_that_is_inverse_is_distinguished_from_an_estimate_that_is(harm):
     # worlds far apart tell on which side of a rotation the other world is
     turn = about([0, 0, 1], 100.0)
     elsewhere = replace(
@@ -691,7 +691,7 @@ def test_one_orientation_at_an_end_of_the_run_is_neither_tilt_nor_jump(row):
 
 
 @pytest.mark.parametrize('shift', [1, -1])
-def test_an_order_and_a_conjugation_at_once_are_told(shift):
+def test_an_order_and_a_conjugation_at_once_are_reported(shift):
     rotations = np.roll(rotation.conjugate(ESTIMATE.rotations), shift, axis=1)
     (cause,) = diagnosis_of(replace(ESTIMATE, rotations=rotations)).causes
     order = 'wxyz' if shift == 1 else 'xyzw'

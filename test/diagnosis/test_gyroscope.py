@@ -54,7 +54,7 @@ def test_rates_in_degrees_are_recognised(noise):
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', [11, 1, 2])
 @pytest.mark.parametrize('noise', [0.0, 0.1])
-def test_mirrored_and_swapped_axes_are_told_from_turned_ones(seed, noise):
+def test_mirrored_and_swapped_axes_are_distinguished_from_turned_ones(seed, noise):
     run = simulate(duration_s=30.0, seed=seed)
     stamps_ns, rates = rates_of(np.array([0.0, 0.0, 0.0, 1.0]), run.ground_truth)
     rates += np.random.default_rng(seed).normal(0.02, 0.01 + noise, rates.shape)
@@ -64,7 +64,7 @@ def test_mirrored_and_swapped_axes_are_told_from_turned_ones(seed, noise):
         assert not compare(run.estimate, stamps_ns, right).mirrored
 
 
-def test_a_body_that_turns_about_one_axis_does_not_tell_a_mirrored_one():
+def test_a_body_that_rotates_about_one_axis_does_not_show_a_mirrored_one():
     stamps_ns, rates = rates_of(np.array([0.0, 0.0, 0.0, 1.0]))
     rates = rates * [0, 0, 1] + np.random.default_rng(0).normal(0, 0.01, rates.shape)
     turned = np.concatenate([[[0.0, 0.0, 0.0]], np.cumsum(rates * 0.005, axis=0) * [0, 0, 1]])

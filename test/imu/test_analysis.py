@@ -46,7 +46,7 @@ def test_a_record_at_rest_gives_its_noise_without_a_warning(still):
 
 
 @pytest.mark.slow
-def test_degrees_and_g_are_told_by_magnitude_and_said(still):
+def test_degrees_and_g_are_recognised_by_magnitude_and_reported(still):
     other = analysed(rest() / np.repeat([np.pi / 180, 9.80665], 3))
     assert [unit.name for unit in other.units.values()] == ['deg/s', 'g']
     assert [unit.known for unit in other.units.values()] == ['by magnitude'] * 2
@@ -81,7 +81,7 @@ def test_a_gyroscope_of_less_than_a_second_is_judged_by_its_white_noise_at_one(c
     assert analysed(degrees).units['gyro'] == ('deg/s', 'by magnitude')
 
 
-def test_what_the_record_is_too_short_to_tell_is_a_warning():
+def test_what_the_record_is_too_short_to_determine_is_a_warning():
     (warning,) = analysed(rest(0.01)).warnings
     named = 'the random walk of gyro_x, gyro_y, gyro_z'
     assert warning == f'the record is too short to determine {named}'
@@ -219,7 +219,7 @@ def test_random_losses_leave_density_and_walk_as_they_are(share):
 
 
 @pytest.mark.parametrize('share', [0.3, 0.6, 0.8])
-def test_of_a_record_with_holes_everywhere_nothing_is_told(share):
+def test_of_a_record_with_gaps_everywhere_nothing_is_reported(share):
     samples = rest(0.3)
     stamps_ns = 20_000_000 * np.arange(len(samples))
     kept = np.random.default_rng(3).random(len(samples)) > share

@@ -83,7 +83,7 @@ def test_a_walk_that_the_record_is_too_short_for_is_null_below_an_upper_limit_th
     assert sum(fit.walk.high >= noise.walk for fit in found) >= 18
 
 
-def test_the_upper_limit_of_a_bias_instability_that_is_not_told_holds():
+def test_the_upper_limit_of_a_bias_instability_that_is_not_determined_holds():
     """The lowest of deviations that scatter is too low a limit on average."""
     noise = Noise(1.7e-4, 0.0, 3e-5)
     found = [fit for fit in fits(noise, 1 / 3, seeds=range(60)) if np.isnan(fit.instability.value)]
@@ -125,7 +125,7 @@ def test_vibration_does_not_raise_the_density():
     assert fit.density.value == pytest.approx(EUROC.gyro.density, rel=0.03)
 
 
-def test_a_steady_drift_is_told_from_a_random_walk():
+def test_a_steady_drift_is_distinguished_from_a_random_walk():
     times_s = np.arange(216_000) / 20.0
     white = simulate_axis(len(times_s), 20.0, Noise(1.7e-4, 0.0), np.random.default_rng(1))
     assert fit_noise(allan_curve([white + 2e-7 * times_s], 20.0)).ramp
@@ -140,7 +140,7 @@ def test_slow_oscillations_are_reported_as_more_than_the_model():
     assert 5 < tau_s < 1500
 
 
-def test_dominance_tells_which_term_is_largest_where():
+def test_dominance_shows_which_term_is_largest_where():
     fit = fits(EUROC.gyro, 3.0, seeds=[0])[0]
     crossing_s = np.sqrt(3) * EUROC.gyro.density / EUROC.gyro.walk
     assert fit.density.dominates_s[1] < 1.3 * crossing_s

@@ -92,7 +92,7 @@ TUM_RIGHT = np.linalg.inv(pose([0, 128.8, 126.4], [-0.054, -0.046, -0.071]))
     ('harm', 'words'),
     [(np.linalg.inv, 'were the inverse of what the name says'), (turned, 'were transposed')],
 )
-def test_a_chain_that_does_not_close_tells_what_is_inverted(
+def test_a_chain_that_does_not_close_shows_what_is_inverted(
     tmp_path, key, rig, harmed, harm, words
 ):
     cameras = stereo(key, *(m if key == 'T_imu_cam' else np.linalg.inv(m) for m in rig))
@@ -107,7 +107,7 @@ def test_a_chain_that_does_not_close_tells_what_is_inverted(
     assert f'{said} {words}' in found.message
 
 
-def test_a_camera_before_that_is_inverted_is_told(tmp_path):
+def test_a_camera_before_that_is_inverted_is_reported(tmp_path):
     second = {'T_imu_cam': RIGHT, 'T_cn_cnm1': np.linalg.inv(LEFT) @ RIGHT}
     file = written(tmp_path / 'chain.yaml', cam0={'T_imu_cam': LEFT}, cam1=second)
     (found,) = checked(file).findings
@@ -124,7 +124,7 @@ def test_a_camera_before_that_is_inverted_is_told(tmp_path):
         ([69.28, -69.28, -69.28], [9.81, 0, 0], 'warn'),
     ],
 )
-def test_a_camera_that_would_be_upright_the_other_way_is_told(
+def test_a_camera_that_would_be_upright_the_other_way_is_reported(
     tmp_path, rig, rotation_deg, up, level
 ):
     numbers = np.random.default_rng(1).normal(0, 0.003, rig['imu'].numbers.shape)
@@ -155,7 +155,7 @@ def test_a_chain_without_an_imu_is_compared_from_camera_to_camera(tmp_path):
     assert any(f'differs from {whole} by' in sentence for sentence in told)
 
 
-def test_files_that_differ_are_told_by_how_much(tmp_path):
+def test_files_that_differ_are_reported_with_how_much(tmp_path):
     one = written(tmp_path / 'one.yaml', cam0={'T_imu_cam': LEFT})
     moved = pose([0, 0, 91], [-0.02, -0.065, 0.04])
     other = written(tmp_path / 'other.yaml', cam0={'T_imu_cam': moved})
@@ -303,13 +303,13 @@ def test_millimetres_are_one_finding(tmp_path, key, harmed):
         ('[1]\n', 'expected a calibration, a mapping of names to values'),
     ],
 )
-def test_files_that_are_no_calibration_are_told(tmp_path, text, problem):
+def test_files_that_are_no_calibration_are_reported(tmp_path, text, problem):
     file = tmp_path / 'chain.yaml'
     file.write_text(text)
     with pytest.raises((ConfigError, ReadError), match=re.escape(problem)):
         checked(file)
 
 
-def test_a_folder_without_calibration_is_told(tmp_path):
+def test_a_folder_without_calibration_is_reported(tmp_path):
     with pytest.raises(ReadError, match=r'there is no sensor\.yaml in it'):
         checked(tmp_path)

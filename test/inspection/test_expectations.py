@@ -41,7 +41,7 @@ STREAM = 'streams:\n  cam:\n    topic: /cam0/image_raw\n'
         ),
     ],
 )
-def test_what_makes_no_sense_is_told_with_its_line(tmp_path, text, problem):
+def test_what_makes_no_sense_is_reported_with_its_line(tmp_path, text, problem):
     file = tmp_path / 'expect.yaml'
     file.write_text(text)
     with pytest.raises(ConfigError, match=re.escape(problem)):

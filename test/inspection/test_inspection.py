@@ -133,7 +133,7 @@ def test_jitter_of_three_milliseconds_is_found(rig, name, kind):
     assert {name for name, _ in found} <= {'jitter', 'unsynchronised'}
 
 
-def test_stamps_made_on_arrival_are_told(rig):
+def test_stamps_made_on_arrival_are_reported(rig):
     source, stream = np.random.default_rng(5), rig['cam0']
     stamps_ns = stream.stamps_ns + source.exponential(3e6, len(stream)).astype(np.int64)
     arrived = replace(stream, stamps_ns=stamps_ns, logged_ns=stamps_ns + 100_000)
@@ -294,7 +294,7 @@ def test_a_bad_clock_of_one_sensor_is_no_replay(rig):
     assert wrong(inspected(rig, imu=fast)) >= {('clock_drift', '/imu0')}
 
 
-def test_a_recorder_whose_clock_stands_still_is_told(rig):
+def test_a_recorder_whose_clock_stands_still_is_reported(rig):
     still = {name: replace(s, logged_ns=0 * s.stamps_ns + FIRST_NS) for name, s in rig.items()}
     found = {one.name: one.message for one in inspect(list(still.values())).findings}
     assert 'does not advance' in found['replayed']
@@ -312,7 +312,7 @@ def stalled(stream: SensorStream, begin_s: float, end_s: float) -> SensorStream:
 @pytest.mark.parametrize('name', ['cam0', 'imu'])
 @pytest.mark.parametrize('ppm', [0, 50])
 @pytest.mark.parametrize('duration_s', [8, 30])
-def test_a_sensor_that_stalls_and_catches_up_is_told(rig, name, ppm, duration_s):
+def test_a_sensor_that_stalls_and_catches_up_is_reported(rig, name, ppm, duration_s):
     count = len(rig[name]) * duration_s // 30
     stream = kept(rig[name], np.arange(count))
     drift = (stream.stamps_ns - stream.stamps_ns[0]) * ppm // 10**6
@@ -566,7 +566,7 @@ def test_the_streams_are_all_there_in_a_narrow_window(rig):
     assert 'minor' not in table
 
 
-def test_cameras_that_run_freely_are_told(rig):
+def test_cameras_that_run_freely_are_reported(rig):
     camera = rig['cam1']
     elapsed = camera.stamps_ns - camera.stamps_ns[0]
     free = replace(camera, stamps_ns=camera.stamps_ns[0] + (elapsed * 1001) // 1000)
@@ -754,7 +754,7 @@ def held(seed: int, fastest_rad_s: float = 0.1) -> SensorStream:
 
 @pytest.mark.slow
 @pytest.mark.parametrize('seed', range(5))
-def test_rates_in_degrees_are_told_from_how_gravity_turns(seed):
+def test_rates_in_degrees_are_recognised_by_how_gravity_rotates(seed):
     imu = held(seed)
     assert wrong(inspect([imu])) == set()
     degrees = imu.numbers * np.repeat([np.degrees(1), 1], 3)
@@ -863,7 +863,7 @@ def test_a_coarse_sensor_is_not_saturated(rig):
     }
 
 
-def test_other_units_of_acceleration_are_told(rig):
+def test_other_units_of_acceleration_are_reported(rig):
     for scale in (1000 / 9.81, 100):
         numbers = rig['imu'].numbers * ([1] * 3 + [scale] * 3)
         found = the(inspected(rig, imu=replace(rig['imu'], numbers=numbers)), 'units')
@@ -957,7 +957,7 @@ def test_implausible_poses_are_found(rig):
     assert wrong(inspected(rig, pose=replace(pose, numbers=nan))) == {('not_finite', pose.topic)}
 
 
-def test_one_of_something_is_told_as_one(rig):
+def test_one_of_something_is_counted_in_the_singular(rig):
     nan = rig['imu'].numbers.copy()
     nan[7] = np.nan
     inspection = inspected(rig, imu=replace(rig['imu'], numbers=nan))
@@ -1012,7 +1012,7 @@ def test_nothing_is_worse_than_info_in_what_no_estimator_takes(rig):
     assert [(one.name, one.level, one.topic) for one in found] == [('clock_drift', 'info', '/tf')]
 
 
-def test_what_was_left_out_is_told(rig):
+def test_what_was_left_out_is_reported(rig):
     inspection = inspect(list(rig.values()), ['/lidar is serialised as protobuf'])
     assert [one.name for one in inspection.findings] == ['left_out']
 

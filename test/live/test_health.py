@@ -121,7 +121,7 @@ def test_an_estimate_has_diverged_where_it_moves_or_is_off_by_ten_times(
         assert told(health.accuracy(run, gates)) == ('ERROR', 'the estimate has diverged')
 
 
-def test_a_broken_gate_is_an_error_or_a_warning_and_the_worst_is_told():
+def test_a_broken_gate_is_an_error_or_a_warning_and_the_worst_is_reported():
     fails, warns = (Gate('ate_trans_rmse_m', '<=', 0.05, word) for word in ('fail', 'warn'))
     message = 'gate ate_trans_rmse_m<=0.05 is broken: 0.1'
     assert told(health.accuracy(RUN, [fails])) == ('ERROR', message)
@@ -135,7 +135,7 @@ def test_a_gate_on_what_has_no_running_value_is_not_judged_yet():
     assert told(health.accuracy(RUN, [Gate('rpe_1s_trans_max_m', '<=', 0.0)]))[0] == 'OK'
 
 
-def test_an_alignment_that_is_not_determined_is_told_with_its_reason():
+def test_an_alignment_that_is_not_determined_is_reported_with_its_reason():
     line = np.outer(np.arange(20.0), [1, 0, 0])
     run = replace(RUN, alignment=alignment_of(line))
     assert run.alignment.undetermined
@@ -236,7 +236,7 @@ def test_what_was_given_up_while_it_waited_has_not_come_yet():
     assert health.why_no_pairs(snapshot) == 'no pairs yet: no ground truth yet'
 
 
-def test_of_a_topic_that_has_not_come_its_problems_are_told():
+def test_problems_of_a_topic_that_has_not_arrived_are_reported():
     silent = replace(TRUTH, received=0, publishers=0, published_types=(), msgtype='')
     snapshot = replace(HEALTHY, run=NOTHING, topics=(ESTIMATE, silent))
     assert health.why_no_pairs(snapshot) == (
@@ -244,7 +244,7 @@ def test_of_a_topic_that_has_not_come_its_problems_are_told():
     )
 
 
-def test_stamps_of_zero_are_told():
+def test_stamps_of_zero_are_reported():
     zero = replace(ESTIMATE, unstamped=True, oldest_ns=AFTER_ALL, newest_ns=BEFORE_ALL)
     snapshot = replace(HEALTHY, run=NOTHING, topics=(zero, TRUTH))
     assert health.why_no_pairs(snapshot) == (
@@ -266,7 +266,7 @@ def test_stamps_of_zero_are_told():
         (121, 121, 0.0, False),  # a single pose is too little to tell
     ],
 )
-def test_clocks_without_a_time_in_common_are_told(begin_s, end_s, offset_s, apart):
+def test_clocks_without_a_time_in_common_are_reported(begin_s, end_s, offset_s, apart):
     truth = replace(TRUTH, oldest_ns=begin_s * S, newest_ns=end_s * S)
     snapshot = replace(HEALTHY, run=NOTHING, topics=(ESTIMATE, truth), time_offset_s=offset_s)
     assert health.why_no_pairs(snapshot).endswith('are the clocks the same?') == apart
@@ -357,7 +357,7 @@ def test_a_stream_that_has_stopped_is_stale():
     )
 
 
-def test_what_the_run_waits_for_is_told():
+def test_what_the_run_waits_for_is_reported():
     jump = TimeJump(120 * S, 100 * S, 0.0)
     snapshot = replace(HEALTHY, topics=(ESTIMATE, replace(TRUTH, jump=jump)))
     assert told(health.streams(snapshot)) == (
@@ -370,7 +370,7 @@ def test_what_the_run_waits_for_is_told():
     )
 
 
-def test_another_node_of_the_same_name_is_told():
+def test_another_node_of_the_same_name_is_reported():
     level, message = told(health.streams(replace(HEALTHY, other_node='/a/vio_evaluator')))
     assert level == 'WARN'
     assert message.startswith('there is another /a/vio_evaluator: ')
@@ -419,7 +419,7 @@ def test_a_later_run_says_why_the_one_before_ended():
     assert told(health.diagnosis(run)) == ('OK', 'run 2 began as reset was called')
 
 
-def test_causes_are_told_the_first_with_its_evidence_and_all_with_their_values():
+def test_causes_are_reported_the_first_with_its_evidence_and_all_with_their_values():
     first = cause('time_offset')
     second = cause('yaw_drift', 'deg/min', math.nan, ())
     status = health.diagnosis(diagnosed(first, second))
@@ -445,7 +445,7 @@ def test_causes_are_told_the_first_with_its_evidence_and_all_with_their_values()
     )
 
 
-def test_the_largest_jump_is_told_at_once_and_not_twice():
+def test_the_largest_jump_is_reported_at_once_and_not_twice():
     run = replace(RUN, largest_jump=(123_456_000_000, 2.5))
     status = health.diagnosis(run)
     assert told(status) == ('WARN', 'the estimate jumped by 2.5 m at 123.456 s')

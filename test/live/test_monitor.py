@@ -33,7 +33,7 @@ def pairs_of(estimate: Trajectory) -> Pairs:
 
 
 @pytest.mark.parametrize('seconds', [0.02, -0.08])
-def test_the_pairs_tell_an_offset_almost_as_well_as_the_whole_streams(seconds):
+def test_the_pairs_determine_an_offset_almost_as_well_as_the_whole_streams(seconds):
     harmed = replace(RUN.estimate, stamps_ns=RUN.estimate.stamps_ns + round(seconds * 1e9))
     cause = DiagnosisMonitor(CONFIG).conclude(pairs_of(harmed)).causes[0]
     assert cause.name == 'time_offset'
@@ -67,7 +67,7 @@ def test_too_short_a_run_has_no_diagnosis():
     assert DiagnosisMonitor(CONFIG).conclude(pairs_of(late(RUN.estimate))[:300]) is None
 
 
-def test_a_diagnosis_that_fails_is_told_and_nothing_stops(monkeypatch):
+def test_a_diagnosis_that_fails_is_reported_and_nothing_stops(monkeypatch):
     def fail(*given: object) -> None:
         raise ZeroDivisionError('oh')
 

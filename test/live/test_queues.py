@@ -92,7 +92,7 @@ def test_a_stamp_far_in_the_future_stays_in_its_run():
     assert runs_of(LOOP, [wild], LOOP) == [[*LOOP, wild], LOOP.tolist()]
 
 
-def test_a_jump_tells_from_where_and_to_where():
+def test_a_jump_states_from_where_and_to_where():
     queue = RunQueue()
     queue.add(poses(np.tile(LOOP, 2)), NOW_S)
     (jump,) = queue.jumps

@@ -243,7 +243,9 @@ def test_further_columns_are_left_out(tmp_path):
         ('stamp_ns,gx,gy,gz,ax,ay,az\n', 5, 1),
     ],
 )
-def test_the_unit_of_stamps_is_stated_or_told_by_their_steps(tmp_path, header, step, unit_ns):
+def test_the_unit_of_stamps_is_stated_or_inferred_from_their_steps(
+    tmp_path, header, step, unit_ns
+):
     stamps = [round(step * index, 3) for index in range(60)]
     found_ns, _, _ = read(csv(tmp_path / 'imu.csv', header, stamps, made()[1]))
     np.testing.assert_array_equal(np.diff(found_ns), round(step * unit_ns))

@@ -829,7 +829,7 @@ def test_published_damage_is_refused_with_what_to_do(shared_data, name, words):
         ('ros1', '.bag.active', 'is a ROS 1 bag; rename it to end in .bag'),
     ],
 )
-def test_a_recording_by_another_name_is_told_by_its_content(
+def test_a_recording_by_another_name_is_recognised_by_its_content(
     recording, tmp_path, kind, suffix, words
 ):
     path = tmp_path / f'run{suffix}'

@@ -123,7 +123,7 @@ def test_a_message_that_is_cut_short_is_damage(tmp_path, raw):
         read_sensors(tmp_path / 'run')
 
 
-def test_rows_that_are_no_numbers_are_told_with_their_stamp(tmp_path):
+def test_rows_that_are_no_numbers_are_reported_with_their_stamp(tmp_path):
     folder = tmp_path / 'mav0' / 'imu0'
     folder.mkdir(parents=True)
     folder.joinpath('data.csv').write_text('5,1,2,3,4,5,x\n')
@@ -189,7 +189,7 @@ def test_messages_keep_the_order_of_the_file_whatever_their_times(tmp_path):
     ]
 
 
-def test_a_stamp_that_is_too_large_is_told_with_its_line(tmp_path):
+def test_a_stamp_that_is_too_large_is_reported_with_its_line(tmp_path):
     folder = tmp_path / 'mav0' / 'cam0'
     folder.mkdir(parents=True)
     folder.joinpath('data.csv').write_text('5,5.png\n99999999999999999999,6.png\n')

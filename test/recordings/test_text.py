@@ -202,7 +202,7 @@ def test_an_exponent_in_a_position_costs_no_stamp_a_nanosecond(tmp_path):
     assert rows.nanoseconds(tmp_path, 's').tolist() == [1403715524907140123]
 
 
-def test_progress_is_told_of_every_block(tmp_path, monkeypatch):
+def test_progress_is_reported_for_every_block(tmp_path, monkeypatch):
     monkeypatch.setattr(text, 'BLOCK_BYTES', 100)
     path = tmp_path / 'trajectory.txt'
     path.write_text(f'{ROW}\n' * 50)

@@ -109,7 +109,7 @@ def test_the_page_says_what_was_found(result, report, parsed):
     assert '1 jump of the estimate' in page.text
 
 
-def test_warnings_and_what_was_dropped_are_told(parsed):
+def test_warnings_and_what_was_dropped_are_reported(parsed):
     estimate, truth = harmed()
     positions = estimate.positions.copy()
     positions[5] = math.nan
@@ -204,7 +204,7 @@ def test_gaps_and_jumps_are_where_they_were_made(result):
     assert size == pytest.approx(1, abs=0.05)
 
 
-def test_what_is_a_jump_is_told_and_documented(result, report, parsed):
+def test_what_is_a_jump_is_reported_and_documented(result, report, parsed):
     drawn = DrawnRun.of(result)
     assert f'(from one pair to the next off by more than {drawn.least_jump:.4g} m)' in (
         parsed(report).text
@@ -334,7 +334,7 @@ def test_a_single_pair_is_drawn(parsed):
     assert drawn(result, parsed) == ['scatter3d', 'scatter', 'scatter']
 
 
-def test_what_has_no_alignment_is_not_drawn_but_told(parsed):
+def test_what_has_no_alignment_is_not_drawn_but_reported(parsed):
     run = simulate(duration_s=20.0)
     estimate = replace(run.estimate, rotations=None)
     result = result_of(estimate, run.ground_truth, alignment='origin')

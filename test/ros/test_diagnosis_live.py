@@ -68,7 +68,7 @@ def test_limits_of_a_file_count_live(graph, ros, evaluator, tmp_path):
     assert 'time_offset' not in str(graph.statuses['diagnosis'])
 
 
-def test_of_a_short_run_nothing_can_be_told_yet(graph, ros, evaluator, flight):
+def test_of_a_short_run_nothing_can_be_determined_yet(graph, ros, evaluator, flight):
     evaluator()
     estimate, truth = graph.both()
     ros.send(truth, flight.ground_truth)

@@ -90,7 +90,7 @@ def test_the_ground_truth_of_every_loop_may_be_a_file(
 
 
 @pytest.mark.parametrize('first', ['ground_truth', 'estimate'])
-def test_a_stream_that_lags_behind_the_jump_of_the_other_loses_nothing(
+def test_a_stream_that_jumps_after_the_other_loses_nothing(
     graph, ros, evaluator, flight, scored, tmp_path, first
 ):
     node = evaluator(f'report_dir:={tmp_path}')

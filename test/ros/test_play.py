@@ -359,7 +359,7 @@ def test_pairs_of_images_arrive_whole_and_in_time(play, listening, stereo_bag):
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_waiting_for_subscribers_ends_at_once_when_told(play, number):
+def test_waiting_for_subscribers_ends_at_once_when_stopped(play, number):
     process = play(DEMO, '--wait-for-subscribers')
     assert 'waiting for subscribers' in process.stderr.readline()
     process.send_signal(number)
@@ -403,7 +403,7 @@ def test_a_name_that_no_topic_may_have_is_said_in_one_line(play):
     assert '--remap' in said
 
 
-def test_a_recording_that_nobody_listens_to_is_told(play):
+def test_a_recording_that_nobody_listens_to_is_reported(play):
     said = ended(play(DEMO, '--rate', '100', '--topics', '/vio/odometry', '--duration', '5'))
     assert said.splitlines()[-1] == 'play: no subscribers of /vio/odometry'
 

@@ -86,7 +86,7 @@ def test_a_run_without_pairs_says_why(graph, ros, evaluator, flight):
     assert node.told[-1].endswith('no ground truth yet; nobody publishes /ground_truth')
 
 
-def test_more_signals_do_no_harm_to_the_report_that_is_written(
+def test_more_signals_do_not_damage_the_report_that_is_written(
     graph, ros, process, flight, tmp_path
 ):
     # writing waits where a pipe is not read yet

@@ -115,7 +115,9 @@ def test_stamps_of_0_are_not_used_and_the_cause_is_named(graph, ros, evaluator, 
     assert graph.statuses['streams'].values['run'] == '1'
 
 
-def test_a_topic_of_another_type_is_named_and_does_no_harm(graph, another, ros, evaluator, flight):
+def test_a_topic_of_another_type_is_named_and_has_no_effect(
+    graph, another, ros, evaluator, flight
+):
     evaluator()
     wrong = another.publisher('/estimate', 'std_msgs/msg/String', matched=False)
     graph.wait_for(
@@ -169,7 +171,7 @@ def test_two_publishers_of_a_stream_are_named(graph, another, ros, evaluator, fl
     graph.wait_for('streams', 'OK', 'running')
 
 
-def test_two_evaluators_of_one_name_are_told(graph, evaluator, process):
+def test_two_evaluators_of_one_name_are_reported(graph, evaluator, process):
     evaluator()
     second = process()
     graph.wait_for('streams', 'WARN', 'there is another /vio_evaluator')
@@ -180,7 +182,7 @@ def test_two_evaluators_of_one_name_are_told(graph, evaluator, process):
     )
 
 
-def test_a_vehicle_that_stands_still_tells_nothing_yet(graph, ros, evaluator, flight):
+def test_a_vehicle_that_stands_still_shows_nothing_yet(graph, ros, evaluator, flight):
     evaluator()
     estimate, truth = graph.both()
     for publisher, poses in ((estimate, flight.estimate), (truth, flight.ground_truth)):
@@ -192,7 +194,7 @@ def test_a_vehicle_that_stands_still_tells_nothing_yet(graph, ros, evaluator, fl
     graph.wait_for('accuracy', 'WARN', 'the alignment is not determined yet', pairs=381)
 
 
-def test_an_estimator_that_dies_is_told(graph, ros, evaluator, flight):
+def test_an_estimator_that_dies_is_reported(graph, ros, evaluator, flight):
     evaluator('stale_after_s:=1.0')
     estimate, truth = graph.both()
     ros.send(estimate, flight.estimate[:100])
@@ -202,7 +204,7 @@ def test_an_estimator_that_dies_is_told(graph, ros, evaluator, flight):
     )
 
 
-def test_a_queue_that_was_full_is_told_of_the_run_that_it_was_in(
+def test_a_queue_that_was_full_is_reported_for_the_run_that_it_was_in(
     graph, ros, evaluator, flight, tmp_path
 ):
     node = evaluator('qos_overrides./estimate.subscription.depth:=50', f'report_dir:={tmp_path}')
@@ -258,7 +260,7 @@ def test_reliable_and_best_effort_publishers_are_both_received(graph, ros, evalu
     graph.wait_for('association', 'OK', pairs=41)
 
 
-def test_a_tracking_reset_is_told_with_its_stamp_and_size(graph, ros, evaluator, flight):
+def test_a_tracking_reset_is_reported_with_its_stamp_and_size(graph, ros, evaluator, flight):
     evaluator()
     estimate, truth = graph.both()
     ros.send(estimate, flight.estimate[:200])
@@ -311,7 +313,7 @@ def test_positions_that_a_lever_arm_cannot_be_taken_from_are_a_clear_problem(
 @pytest.mark.parametrize(
     ('limits', 'level', 'status'), [('max: 0.001', 'ERROR', 1), ('max: 1, warn: 0.001', 'WARN', 0)]
 )
-def test_a_broken_gate_is_told_and_decides(
+def test_a_broken_gate_is_reported_and_decides(
     graph, ros, evaluator, flight, tmp_path, limits, level, status
 ):
     gates = tmp_path / 'gates.yaml'

@@ -122,7 +122,7 @@ def test_options_that_only_one_of_the_two_has_are_a_difference_too(baseline):
             baseline.check({'V1_02': replace(RECORDED, options=options)})
 
 
-def test_the_same_difference_in_several_sequences_is_told_once():
+def test_the_same_difference_in_several_sequences_is_reported_once():
     two = Baseline(definition_sha256(), {'a': RECORDED, 'b': RECORDED})
     now, _ = OTHERS['options']
     assert two.check({'a': now, 'b': now}, ['options']) == ['a, b: alignment was se3, now sim3']

@@ -16,7 +16,7 @@ ATE = Rule('ate_trans_rmse_m')
 BEFORE = [0.10, 0.11, 0.09, 0.105, 0.095]
 
 
-def test_a_distribution_is_told_by_median_and_its_absolute_deviation():
+def test_a_distribution_is_reported_as_median_and_its_absolute_deviation():
     # deviations from 0.10 are 0, 0.01, 0.01, 0.005, 0.005
     found = Distribution(tuple(BEFORE)).to_dict()
     assert found == pytest.approx({'median': 0.1, 'mad': 0.005, 'min': 0.09, 'max': 0.11, 'n': 5})

@@ -293,7 +293,7 @@ def test_the_terminal_has_the_table_and_the_reasons(result, hostile):
 
 @pytest.mark.slow
 @pytest.mark.parametrize('name', ['text', 'markdown', 'junit', 'html'])
-def test_what_runs_warn_of_is_told_once_with_how_many_do(warned, name):
+def test_what_runs_warn_of_is_reported_once_with_how_many_do(warned, name):
     text = (SUITE_REPORTS | {'text': suite_text})[name](warned)
     for warning in ('stamps are read as ns, not s, by their size', 'dropped 1 non-finite'):
         (line,) = (line for line in re.sub('</?li>', '\n', text).splitlines() if warning in line
@@ -303,7 +303,7 @@ def test_what_runs_warn_of_is_told_once_with_how_many_do(warned, name):
     assert f'warning: {run.summary.warnings[0]}' in REPORTS['junit'](run)
 
 
-def test_of_many_warnings_not_all_are_told(lab):
+def test_not_all_of_many_warnings_are_reported(lab):
     lab.runs('a', *[0.1] * 12)
     for k in range(12):
         rows = (lab.folder / f'a/{k}.tum').read_text().splitlines()
@@ -352,7 +352,7 @@ def test_no_name_is_a_formula_a_link_or_an_argument(lab):
     assert sorted(shown) == sorted(names)
 
 
-def test_a_warning_is_not_told_where_the_gate_beside_it_failed(lab):
+def test_a_warning_is_not_reported_where_the_gate_beside_it_failed(lab):
     lab.runs('a', 0.3)
     result = lab.score('a, gates: {ate_trans_rmse_m: {max: 0.2, warn: 0.1}}')
     assert 'warn' not in suite_text(result)

@@ -139,7 +139,7 @@ def test_every_input_is_named_by_path_and_hash(folder):
     assert (run['causal'], run['times'], run['error']) == (None, None, None)
 
 
-def test_options_tool_and_machine_are_told(folder):
+def test_options_tool_and_machine_are_reported(folder):
     content = manifest_of(folder / 'manifest.json')
     assert content['schema'] == 'vio_eval_ros.manifest/1'
     assert content['tool']['name'] == 'vio_eval_ros'
@@ -304,7 +304,7 @@ def test_a_suite_is_reproduced_with_what_never_could_be_scored(folder, suite, mo
     assert note.startswith('files, runs/lost.tum: could not be scored then: no pairs')
 
 
-def test_a_run_that_could_not_be_scored_and_now_can_is_told(folder, suite):
+def test_a_run_that_could_not_be_scored_and_now_can_is_reported(folder, suite):
     write_suite(suite)
     shutil.copy('runs/b.tum', 'runs/lost.tum')
     found = verify(folder / 'manifest.json')
@@ -318,7 +318,7 @@ def test_a_run_that_could_not_be_scored_and_now_can_is_told(folder, suite):
     assert found.differences == (f'files, runs/lost.tum: {folder}/runs/lost.tum is missing',)
 
 
-def test_an_estimate_that_was_missing_and_now_is_there_is_told(folder, suite):
+def test_an_estimate_that_was_missing_and_now_is_there_is_reported(folder, suite):
     suite = load_suite(folder / 'suite.yaml', ['sequences.revised.estimate=runs/no.tum'])
     write_suite(suite)
     assert verify(folder / 'manifest.json').differences == ()
@@ -420,7 +420,7 @@ def better_baseline(content: dict[str, Any]) -> None:
     ],
     ids=['verdict', 'gate', 'baseline'],
 )
-def test_a_verdict_that_does_not_follow_is_told(folder, judged, tamper, lines):
+def test_a_verdict_that_does_not_follow_is_reported(folder, judged, tamper, lines):
     tamper(judged)
     found = verified(folder / 'manifest.json', judged)
     assert found.reproduced == 5
@@ -532,7 +532,7 @@ def test_the_revision_of_a_run_is_compared_too(folder, suite):
     assert any('ate_causal_trans_rmse_m was' in line for line in changed)
 
 
-def test_a_changed_estimate_is_told_with_what_came_of_it(folder):
+def test_a_changed_estimate_is_reported_with_what_came_of_it(folder):
     manifest_of(folder / 'manifest.json')
     rows = (folder / 'runs/a.tum').read_text().splitlines()
     (folder / 'runs/a.tum').write_text('\n'.join(rows[:-10]))
@@ -547,7 +547,7 @@ def test_a_changed_estimate_is_told_with_what_came_of_it(folder):
     assert 'values differ, most of all ' in found.differences[-1]
 
 
-def test_a_missing_truth_is_told_and_nothing_is_scored_without_it(folder):
+def test_a_missing_truth_is_reported_and_nothing_is_scored_without_it(folder):
     manifest_of(folder / 'manifest.json')
     (folder / 'gt.tum').unlink()
     found = verify(folder / 'manifest.json')
@@ -577,7 +577,7 @@ def test_other_versions_are_noted(folder):
     assert any(note.startswith('numpy was 1.26.4, is ') for note in found.notes)
 
 
-def test_metrics_that_differ_are_told_with_by_how_much_in_the_order_of_the_result(folder):
+def test_metrics_that_differ_are_reported_with_how_much_in_the_order_of_the_result(folder):
     content = manifest_of(folder / 'manifest.json')
     metrics = the_run(content)['result']['metrics']
     before = metrics['ate_trans_rmse_m']
@@ -595,7 +595,7 @@ def test_metrics_that_differ_are_told_with_by_how_much_in_the_order_of_the_resul
     assert found.reproduced == 0
 
 
-def test_of_many_differences_the_first_are_told_and_the_largest(folder):
+def test_the_first_of_many_differences_are_reported_and_the_largest(folder):
     content = manifest_of(folder / 'manifest.json')
     metrics = the_run(content)['result']['metrics']
     numbers = [name for name, value in metrics.items() if isinstance(value, float) and value]
@@ -608,7 +608,7 @@ def test_of_many_differences_the_first_are_told_and_the_largest(folder):
     assert found.differences[-1].endswith(', 90 % change)')
 
 
-def test_other_options_are_told(folder):
+def test_other_options_are_reported(folder):
     content = manifest_of(folder / 'manifest.json')
     content['sequences'][0]['options']['alignment'] = 'none'
     found = verified(folder / 'manifest.json', content)

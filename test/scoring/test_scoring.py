@@ -40,7 +40,7 @@ def crash() -> None:
     os.kill(os.getpid(), signal.SIGSEGV)
 
 
-def test_a_metric_over_runs_is_told_by_median_mad_and_range(lab):
+def test_a_metric_over_runs_is_reported_as_median_mad_and_range(lab):
     lab.runs('a', 0.1, 0.14, 0.11, 0.2)
     (one,) = lab.score('a').sequences
     # medians of the two in the middle: 0.11, 0.14; deviations 0.025, 0.015, 0.015, 0.075
@@ -262,7 +262,7 @@ def test_the_progress_knows_how_many_runs_there_are(lab):
     ('off_m', 'word'),
     [(0.05, 'good'), (0.1, 'good'), (0.15, 'plausible'), (0.25, 'suspicious'), (0.35, 'failed')],
 )
-def test_the_band_tells_how_a_run_compares_with_the_literature(lab, off_m, word):
+def test_the_band_shows_how_a_run_compares_with_the_literature(lab, off_m, word):
     # the band is of the aligned error: a run that is too large by so much, everywhere
     lab.runs('a', 0.0)
     truth = (lab.folder / 'gt.tum').read_text().splitlines()
@@ -283,7 +283,7 @@ def test_a_run_without_a_figure_is_in_the_band_of_the_failed(lab):
     assert one.band == 'failed'
 
 
-def test_a_band_that_is_not_known_is_told(lab):
+def test_a_band_that_is_not_known_is_reported(lab):
     lab.runs('a', 0.1)
     (lab.folder / 'bands.yaml').write_text('a: {good: 1, plausible: 2, failed: 3}')
     result = lab.score('a', top='bands: bands.yaml\nmodality: mono')
@@ -371,7 +371,7 @@ def test_more_runs_are_needed_for_a_p_than_there_are(lab, before):
     )
 
 
-def test_a_mean_that_says_the_opposite_of_the_median_is_told(lab):
+def test_a_mean_that_says_the_opposite_of_the_median_is_reported(lab):
     lab.runs('a', 0.1, 0.1, 0.1, 0.49)
     before = baseline_of(lab.score('a'))
     lab.runs('a', 0.12, 0.12, 0.12, 0.12)
@@ -382,7 +382,7 @@ def test_a_mean_that_says_the_opposite_of_the_median_is_told(lab):
 
 
 @pytest.mark.slow
-def test_missing_and_new_sequences_are_told(lab, before):
+def test_missing_and_new_sequences_are_named(lab, before):
     lab.runs('b', 0.1)
     result = compare_suite(lab.score('b'), before)
     assert result.notes == ('b: not in the baseline', 'a: in the baseline, but not scored')
@@ -390,7 +390,7 @@ def test_missing_and_new_sequences_are_told(lab, before):
     assert result.passed
 
 
-def test_a_metric_that_the_baseline_lacks_is_told(lab, before):
+def test_a_metric_that_the_baseline_lacks_is_reported(lab, before):
     recorded = before.sequences['a']
     del recorded.metrics[ATE]
     result = compare_suite(lab.score('a'), before)
@@ -398,7 +398,7 @@ def test_a_metric_that_the_baseline_lacks_is_told(lab, before):
 
 
 @pytest.mark.slow
-def test_too_few_runs_to_tell_are_told(lab, before):
+def test_too_few_runs_to_compare_are_reported(lab, before):
     lab.runs('b', 0.1)
     few = baseline_of(lab.score('b'))
     notes = compare_suite(lab.score('b'), few).notes

@@ -94,7 +94,7 @@ def test_what_a_sequence_says_goes_over_what_the_suite_says(folder):
     assert [sequence.tags for sequence in suite.sequences] == [('all',), ('hard',)]
 
 
-def test_statements_and_topics_stay_behind_each_match(folder):
+def test_statements_and_topics_stay_after_each_match(folder):
     text = one('').replace('two.tum', 'one/*.tum?quaternion=wxyz&stamps=ns')
     runs = load(folder, text).sequences[0].runs
     assert runs[0].name == 'runs/one/a.tum?quaternion=wxyz&stamps=ns'

@@ -89,7 +89,7 @@ def marks(figure: dict, kind: str) -> list[tuple[float, float]]:
 
 
 @pytest.mark.slow
-def test_the_worst_comes_first_and_all_that_is_wrong_is_told(result, report, parsed):
+def test_the_worst_comes_first_and_all_that_is_wrong_is_reported(result, report, parsed):
     page = parsed(report)
     assert page.of('h1')[0][1] == '4 of 5 sequences failed'
     order = [text for attributes, text in page.of('a')]
