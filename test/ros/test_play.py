@@ -115,8 +115,10 @@ class Listener(list[Arrival]):
             for subscription in self._subscriptions:
                 kind = subscription.msg_type
                 for cdr in take_serialized(subscription, kind, MANY):
-                    heard_s = time.monotonic()
-                    self.append(Arrival(subscription.topic_name, heard_s, cdr))
+                    arrival = Arrival(subscription.topic_name, time.monotonic(), cdr)
+                    self.append(arrival)
+                    if arrival.topic != '/clock':  # which goes on as long as `play` does
+                        heard_s = arrival.at_s
             time.sleep(0.002)
 
     def wait_for(self, count: int) -> None:
@@ -321,7 +323,9 @@ def latched_bag(tmp_path) -> Path:
 def test_what_was_latched_reaches_those_who_come_late(play, graph, listening, latched_bag):
     process = play(latched_bag, '--topics', '/map', '/log', '/time')
     assert '/time: std_msgs/msg/Time is not installed; left out' in process.stderr.readline()
-    assert graph.call('pause', 'player').success  # when /map has been published
+    with listening('/map=std_msgs/msg/String,latched') as arrivals:
+        arrivals.wait_for(1)  # it has been published
+    assert graph.call('pause', 'player').success
     with listening('/map=std_msgs/msg/String,latched') as arrivals:
         arrivals.wait_for(1)
         process.send_signal(signal.SIGINT)
