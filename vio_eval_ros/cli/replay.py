@@ -25,10 +25,7 @@ from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.tables import series_csv
 from vio_eval_ros.reports.text import text_report
-from vio_eval_ros.scoring.manifest import Manifest
-from vio_eval_ros.scoring.results import RunResult
 from vio_eval_ros.scoring.stack import Stack, STACK_KEYS
-from vio_eval_ros.scoring.suite import RunSpec
 from vio_eval_ros.settings import gates_of
 
 SERIES = ('csv',)
@@ -189,6 +186,11 @@ def _stack(arguments: argparse.Namespace) -> Stack:
 
 def _manifest(arguments: argparse.Namespace, stack: Stack, result: Result) -> str:
     """Return the manifest of the run."""
+    # few runs have a manifest, and suites take a while to import
+    from vio_eval_ros.scoring.manifest import Manifest
+    from vio_eval_ros.scoring.results import RunResult
+    from vio_eval_ros.scoring.suite import RunSpec
+
     estimate, truth = result.estimate, result.ground_truth
     manifest = Manifest(arguments.manifest)
     manifest.add_sequence(
