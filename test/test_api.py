@@ -352,8 +352,8 @@ WRONG_TABLES = {
         lambda: table(x=math.nan),
         'positions: expected finite numbers, got NaN or infinity in 20 of 20 rows',
     ),
-    'unsorted': (lambda: table()[::-1], 'index: expected in increasing order, got'),
-    'no rows': (lambda: table()[:0], 'index: expected shape (N,) with N >= 1, got (0,)'),
+    'unsorted': (lambda: table().iloc[::-1], 'index: expected in increasing order, got'),
+    'no rows': (lambda: table().iloc[:0], 'index: expected shape (N,) with N >= 1, got (0,)'),
     'a word': (
         lambda: table(y='a'), 'positions: expected float64, got object'
     ),

@@ -277,8 +277,8 @@ _INERTIAL = (
     FindingKind(
         'no_still_time', 'IMU', 'info',
         when='less than {still_s:g} s at rest at the beginning, which some estimators need',
-        evidence='it begins with {value:.2g} s at rest ({least:g} s needed), and stands still for '
-        '{in_all:.3g} s in all',
+        evidence='it begins with {value:.2g} s at rest ({least:g} s needed), and rests for '
+        '{in_all:.3g} s in total',
         cure='stand still for a second, for estimators that initialise at rest',
         unit='s',
     ),
