@@ -20,6 +20,7 @@ from vio_eval_ros.imu.analysis import Analysis
 from vio_eval_ros.imu.noise_reports import table as noise_table
 from vio_eval_ros.inspection.report import Report as InspectionReport
 from vio_eval_ros.inspection.text_report import text_document
+from vio_eval_ros.recordings.sources import indexed_by_stamp
 from vio_eval_ros.rendering.page import Html, html, joined, table, tag, warnings
 from vio_eval_ros.rendering.text import number
 from vio_eval_ros.reports import REPORTS
@@ -60,8 +61,8 @@ class Result(RunResult):
         truth.
         """
         table = pair_errors(self)
-        index = _pandas().Index(table.pop('estimate_stamp_ns'), name='stamp_ns')
-        return _pandas().DataFrame(table, index=index)
+        stamps_ns = table.pop('estimate_stamp_ns')
+        return indexed_by_stamp(table, stamps_ns)
 
     def plot(self, what: str = 'path') -> go.Figure:
         """
@@ -176,11 +177,3 @@ def _json(content: dict[str, Any]) -> str:
 
 def _preformatted(text: str) -> str:
     return tag('pre', Html('\n'.join(map(html, text.splitlines()))))
-
-
-def _pandas() -> Any:
-    try:
-        import pandas
-    except ImportError:
-        raise ConfigError("a DataFrame needs pandas: pip install 'vio_eval_ros[pandas]'") from None
-    return pandas

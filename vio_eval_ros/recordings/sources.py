@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 import re
@@ -74,16 +74,10 @@ class Source:
 
         :raises ConfigError: pandas is not installed.
         """
-        try:
-            from pandas import DataFrame, Index
-        except ImportError:
-            raise ConfigError(
-                "a DataFrame needs pandas: pip install 'vio_eval_ros[pandas]'"
-            ) from None
         columns = dict(zip('xyz', self.positions.T, strict=True))
         if self.rotations is not None:
             columns |= zip(('qx', 'qy', 'qz', 'qw'), self.rotations.T, strict=True)
-        return DataFrame(columns, index=Index(self.stamps_ns, name='stamp_ns'))
+        return indexed_by_stamp(columns, self.stamps_ns)
 
     def __repr__(self) -> str:
         """Return what it is in a line."""
@@ -94,6 +88,15 @@ class Source:
     def revising(self, first: Source) -> Source:
         """Return the source as what revises another, which was published first."""
         return replace(self, causal=first.poses, warnings=(*self.warnings, *first.warnings))
+
+
+def indexed_by_stamp(columns: Mapping[str, np.ndarray], stamps_ns: np.ndarray) -> pd.DataFrame:
+    """Return columns as a DataFrame; ``ConfigError`` where pandas is not installed."""
+    try:
+        from pandas import DataFrame, Index
+    except ImportError:
+        raise ConfigError("a DataFrame needs pandas: pip install 'vio_eval_ros[pandas]'") from None
+    return DataFrame(columns, index=Index(stamps_ns, name='stamp_ns'))
 
 
 def read_sources(
