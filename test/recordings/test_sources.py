@@ -60,7 +60,7 @@ def test_an_absolute_path_is_no_topic(tum):
 
 
 def test_what_cannot_be_stated_is_refused_with_what_can():
-    with pytest.raises(ConfigError, match='quaternion, stamps, invert'):
+    with pytest.raises(ConfigError, match='quaternion, stamps, unit, invert'):
         Spec.parse('est.txt?quaternio=wxyz')
     with pytest.raises(ConfigError, match=r"quaternion must be xyzw or wxyz, not 'wxzy'"):
         Spec.parse('est.txt?quaternion=wxzy')
@@ -71,6 +71,14 @@ def test_what_says_nothing_of_a_source_cannot_be_stated_of_it(tum):
         Spec.parse('/vio/odometry?quaternion=wxyz')
     with pytest.raises(ConfigError, match='revision does not apply to a file'):
         Spec.parse(f'{tum}?revision=causal')
+
+
+def test_positions_in_another_unit_are_made_metres(tum):
+    metres, stated = read(str(tum)), read(f'{tum}?unit=mm')
+    assert stated.poses.positions.tolist() == (metres.poses.positions * 0.001).tolist()
+    assert stated.poses.rotations.tolist() == metres.poses.rotations.tolist()
+    with pytest.raises(ConfigError, match="unit must be m or cm or mm or km, not 'foot'"):
+        Spec.parse(f'{tum}?unit=foot')
 
 
 def test_tum_is_seconds_and_w_last(tum):

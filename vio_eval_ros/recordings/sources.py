@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 import re
-from typing import TYPE_CHECKING
+from typing import NamedTuple, TYPE_CHECKING
 
 import numpy as np
 
@@ -16,7 +16,7 @@ from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings.layouts import poses_of
 from vio_eval_ros.recordings.progress import Progress, silent
-from vio_eval_ros.recordings.spec import exists, RECORDING_SUFFIXES, Spec
+from vio_eval_ros.recordings.spec import exists, LENGTH_UNITS, RECORDING_SUFFIXES, Spec
 from vio_eval_ros.recordings.text import read_text
 
 if TYPE_CHECKING:
@@ -26,6 +26,18 @@ if TYPE_CHECKING:
 
 PARALLEL_BYTES = 1 << 24
 TRUTH_WORDS = r'truth|(^|[/_])gt($|[/_])|vicon|leica|mocap|optitrack|qualisys'
+
+
+class Reading(NamedTuple):
+    """
+    One way to read a file whose layout leaves something open.
+
+    :param statement: what settles it, as it is appended to a spec: 'quaternion=wxyz'.
+    :param poses: what the file holds, read so.
+    """
+
+    statement: str
+    poses: Poses
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -38,6 +50,7 @@ class Source:
     :param paths: the files that hold them, in order.
     :param warnings: what was taken for granted, in sentences.
     :param causal: the same poses as first published, where a Path revised them since.
+    :param readings: where the file leaves something open, all ways to read it, ``poses`` first.
     """
 
     spec: str
@@ -46,6 +59,7 @@ class Source:
     poses: Poses
     warnings: tuple[str, ...] = ()
     causal: Poses | None = None
+    readings: tuple[Reading, ...] = ()
 
     def __len__(self) -> int:
         """Return the number of poses."""
@@ -243,7 +257,9 @@ def _file(path: Path) -> tuple[Path, list[str]]:
 
 
 def _as_stated(poses: Poses, spec: Spec) -> Poses:
-    """Return the poses, those stated to be inverse inverted."""
+    """Return the poses in metres, and those stated to be inverse inverted."""
+    if 'unit' in spec.statements:
+        poses = _scaled(poses, LENGTH_UNITS[spec.statements['unit']])
     invert = spec.statements.get('invert')
     if invert is None:
         return poses
@@ -262,3 +278,11 @@ def _as_stated(poses: Poses, spec: Spec) -> Poses:
         rotations=inverse,
         covariances=None,
     )
+
+
+def _scaled(poses: Poses, metres: float) -> Poses:
+    """Return poses whose positions have another unit in metres."""
+    covariances = poses.covariances
+    if covariances is not None:
+        covariances = covariances * np.array([metres**2, 1.0])[:, None, None]
+    return replace(poses, positions=poses.positions * metres, covariances=covariances)

@@ -12,6 +12,7 @@ What a user writes to name a source of poses.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 import re
 from typing import NamedTuple
@@ -22,11 +23,36 @@ from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.recordings.rows import STAMP_UNITS
 
 RECORDING_SUFFIXES = ('.bag', '.db3', '.mcap')
+#: units of positions, and how many metres each has
+LENGTH_UNITS = {'m': 1.0, 'cm': 0.01, 'mm': 0.001, 'km': 1000.0}
+
+
+class Statement(NamedTuple):
+    """
+    A convention that may be stated of a source.
+
+    :param expected: what may be written after its name, in words.
+    :param pattern: of what may be written.
+    :param of: 'file', 'topic' or 'file or topic'; only there it means something.
+    """
+
+    expected: str
+    pattern: str
+    of: str
+
+    @classmethod
+    def one_of(cls, values: Iterable[str], of: str) -> Statement:
+        """Return the convention that has one of a few values."""
+        values = list(values)
+        return cls(' or '.join(values), '|'.join(values), of)
+
+
 STATEMENTS = {
-    'quaternion': ('xyzw', 'wxyz'),
-    'stamps': tuple(STAMP_UNITS),
-    'invert': ('pose', 'rotation'),
-    'revision': ('final', 'causal'),
+    'quaternion': Statement.one_of(('xyzw', 'wxyz'), 'file'),
+    'stamps': Statement.one_of(STAMP_UNITS, 'file'),
+    'unit': Statement.one_of(LENGTH_UNITS, 'file or topic'),
+    'invert': Statement.one_of(('pose', 'rotation'), 'file or topic'),
+    'revision': Statement.one_of(('final', 'causal'), 'topic'),
 }
 
 
@@ -61,16 +87,15 @@ class Spec(NamedTuple):
                     f"{text}: '{name}' is not a convention of a source (expected "
                     f'{", ".join(STATEMENTS)}){nearest_name(name, STATEMENTS)}'
                 )
-            if value not in STATEMENTS[name]:
+            if not re.fullmatch(STATEMENTS[name].pattern, value):
                 raise ConfigError(
-                    f"{text}: {name} must be {' or '.join(STATEMENTS[name])}, not '{value}'"
+                    f"{text}: {name} must be {STATEMENTS[name].expected}, not '{value}'"
                 )
         path, topic = cls._located(body)
-        useless = ('quaternion', 'stamps') if topic else ('revision',)
-        for name in useless:
-            if name in statements:
-                what = 'a topic' if topic else 'a file'
-                raise ConfigError(f'{text}: {name} does not apply to {what}')
+        what = 'topic' if topic else 'file'
+        for name in statements:
+            if what not in STATEMENTS[name].of:
+                raise ConfigError(f'{text}: {name} does not apply to a {what}')
         return cls(path, topic, statements)
 
     @staticmethod
