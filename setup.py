@@ -19,6 +19,7 @@ README = Path(__file__).resolve().with_name('README.md')
 FOR_ROS = not {'develop', 'install'}.isdisjoint(sys.argv)
 COMMANDS = [f'{verb} = {module}:main' for verb, (module, _) in VERBS.items()]
 
+GEO = ['pymap3d']
 IMAGES = ['Pillow']
 IMU = ['allantools', 'matplotlib', 'plotly']
 PANDAS = ['pandas']
@@ -88,12 +89,14 @@ setup(
         'tqdm',
     ],
     extras_require={
+        'geo': GEO,
         'images': IMAGES,
         'imu': IMU,
         'pandas': PANDAS,
         'report': REPORT,
         'ros': ROS,
         'test': [
+            *GEO,
             *IMAGES,
             *IMU,
             *PANDAS,

@@ -1,0 +1,55 @@
+"""Latitude, longitude and altitude in a local frame: x east, y north, z up, in metres."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from vio_eval_ros.errors import ConfigError
+
+#: the largest latitude and longitude [deg]; some count longitude to 360
+LARGEST_DEG = (90.0, 360.0)
+
+
+def east_north_up(
+    geodetic: np.ndarray, origin: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return positions in the plane that touches the WGS 84 ellipsoid at an origin, and the origin.
+
+    The projection is exact: positions go through earth-centred coordinates. Far from the origin
+    the plane leaves the ground, by 8 cm in 1 km and 8 m in 10 km.
+
+    :param geodetic: (N, 3) latitude [deg], longitude [deg], height above the ellipsoid [m]; rows
+        that are not finite or beyond the poles become NaN.
+    :param origin: (3,) likewise; None for the first row that is a place, NaN where none is.
+    :return: (N, 3) metres east, north and up, and (3,) the origin.
+    :raises ConfigError: pymap3d is not installed.
+    """
+    try:
+        from pymap3d import geodetic2enu
+    except ImportError:
+        raise ConfigError(
+            "latitude and longitude need pymap3d: pip install 'vio_eval_ros[geo]'"
+        ) from None
+    places = are_places(geodetic)
+    positions = np.full(geodetic.shape, np.nan)
+    if origin is None:
+        origin = geodetic[places.argmax()] if places.any() else np.full(3, np.nan)
+    if places.any():
+        positions[places] = np.column_stack(geodetic2enu(*geodetic[places].T, *origin))
+    return positions, origin
+
+
+def are_places(geodetic: np.ndarray) -> np.ndarray:
+    """Return which rows of (N, 3) latitude, longitude and height can be places on the earth."""
+    in_range = (np.abs(geodetic[:, :2]) <= LARGEST_DEG).all(axis=1)
+    return in_range & np.isfinite(geodetic[:, 2])
+
+
+def projected(origin: np.ndarray) -> str:
+    """Return the sentence that says where positions were projected."""
+    latitude, longitude, height = origin
+    return (
+        'latitude and longitude are projected into metres east, north and up of '
+        f'{latitude:.7f}, {longitude:.7f}, {height:.3f} m'
+    )
