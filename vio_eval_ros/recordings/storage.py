@@ -19,7 +19,7 @@ from io import SEEK_END
 from itertools import chain
 from operator import attrgetter, itemgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader, SeekingReader
@@ -27,13 +27,33 @@ import mcap.records
 from mcap.records import ChunkIndex, Schema
 from mcap.summary import Summary
 from rosbags.highlevel import AnyReader
-from rosbags.interfaces import Qos, QosDurability, QosHistory, QosReliability
-from rosbags.typesys import get_types_from_msg, get_typestore, Stores
+from rosbags.interfaces import (
+    MessageDefinition,
+    MessageDefinitionFormat,
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosReliability,
+)
+from rosbags.typesys import get_types_from_idl, get_types_from_msg, get_typestore, Stores
 
 from vio_eval_ros.recordings.mcap_internals import chunk_messages
 from vio_eval_ros.recordings.rosbags_internals import profiles_in, Typestore
 
 MCAP_MAGIC = b'\x89MCAP0\r\n'  # begins and ends a file
+
+
+class Definition(NamedTuple):
+    """
+    How a storage file defines a message type.
+
+    :param encoding: such as 'ros1msg', 'ros2msg', 'ros2idl', 'jsonschema' or 'protobuf'; '' where
+        nothing is stored.
+    :param data: as it is stored.
+    """
+
+    encoding: str = ''
+    data: bytes = b''
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +62,8 @@ class Channel:
     A topic in one storage file.
 
     :param msgtype: the type as ROS 2 spells it, in ROS 1 recordings too.
-    :param encoding: 'cdr' or 'ros1' where its messages can be decoded.
+    :param encoding: of its messages: 'cdr' or 'ros1', in an mcap also 'json', 'protobuf' ...
+    :param definition: of the message type, as the file stores it.
     """
 
     topic: str
@@ -50,10 +71,22 @@ class Channel:
     count: int
     encoding: str
     storage: Storage = field(repr=False)
+    definition: Definition = field(default=Definition(), repr=False)
 
     def types(self) -> Typestore:
-        """Return the definition of the message type, the standard one where none is stored."""
-        return self.storage.types(self.msgtype)
+        """
+        Return the message type as the file defines it, or the standard one where it does not.
+
+        What rosbags raises where the definition is damaged passes through.
+        """
+        encoding, data = self.definition
+        if not data.strip() or encoding not in ('ros1msg', 'ros2msg', 'ros2idl'):
+            return standard_types(self.encoding == 'ros1')
+        text, types = data.decode(), get_typestore(Stores.EMPTY)
+        types.register(
+            types_of_idl(text) if encoding == 'ros2idl' else get_types_from_msg(text, self.msgtype)
+        )
+        return types
 
 
 # When a message was recorded [ns], its channel and its bytes.
@@ -108,9 +141,16 @@ class RosbagsStorage:
                 connection.msgcount,
                 getattr(connection.ext, 'serialization_format', 'ros1'),
                 self,
+                self._definition(connection.msgdef),
             )
             for connection in self._reader.connections
         }
+
+    def _definition(self, stored: MessageDefinition) -> Definition:
+        if stored.format == MessageDefinitionFormat.NONE:
+            return Definition()
+        version = 2 if self._reader.is2 else 1
+        return Definition(f'ros{version}{stored.format.name.lower()}', stored.data.encode())
 
     @property
     def channels(self) -> list[Channel]:
@@ -123,11 +163,6 @@ class RosbagsStorage:
         if not any(channel.count for channel in self.channels):
             return None
         return self._reader.start_time, self._reader.end_time - 1  # rosbags excludes the end
-
-    def types(self, msgtype: str) -> Typestore:
-        """Return the definition of a message type, the standard one where none is stored."""
-        stored = self._reader.typestore
-        return stored if msgtype in stored.fielddefs else standard_types(not self._reader.is2)
 
     def offers(self) -> dict[str, list[OfferedQos]]:
         """Return what the publishers of each topic offered."""
@@ -176,31 +211,25 @@ class McapStorage:
             self._index = sorted(summary.chunk_indexes, key=by_offset) or None
         counts = self._survey(summary)
         self._records = dict(summary.channels)
-        self._schemas: dict[str, Schema] = {}
         self._channels: dict[int, Channel] = {}
         for key, record in summary.channels.items():
             schema = summary.schemas.get(record.schema_id) or Schema(0, b'', '', '')
             # ROS 1 writes nav_msgs/Odometry
             is_ros1 = schema.name.count('/') == 1
             msgtype = schema.name.replace('/', '/msg/') if is_ros1 else schema.name
-            self._schemas[msgtype] = schema
             self._channels[key] = Channel(
-                _rooted(record.topic), msgtype, counts[key], record.message_encoding, self
+                _rooted(record.topic),
+                msgtype,
+                counts[key],
+                record.message_encoding,
+                self,
+                Definition(schema.encoding, schema.data),
             )
 
     @property
     def channels(self) -> list[Channel]:
         """The topics of the file."""
         return list(self._channels.values())
-
-    def types(self, msgtype: str) -> Typestore:
-        """Return the definition of a message type, the standard one where none is stored."""
-        schema = self._schemas[msgtype]
-        if schema.encoding not in ('ros1msg', 'ros2msg') or not schema.data:
-            return standard_types(ros1=schema.encoding.startswith('ros1'))
-        types = get_typestore(Stores.EMPTY)
-        types.register(get_types_from_msg(schema.data.decode(), msgtype))
-        return types
 
     def offers(self) -> dict[str, list[OfferedQos]]:
         """Return what the publishers of each topic offered."""
@@ -314,6 +343,16 @@ def merged(parts: Iterable[tuple[int, Iterable[Recorded]]]) -> Iterator[Recorded
 def standard_types(ros1: bool) -> Typestore:
     """Return the message definitions of ROS 1 Noetic or ROS 2 Jazzy."""
     return get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
+
+
+def types_of_idl(text: str) -> dict[str, Any]:
+    """Return the definitions in IDL, of which rosbag2 joins several as it does messages'."""
+    types: dict[str, Any] = {}
+    for part in text.split('=' * 80 + '\n'):
+        title, _, rest = part.partition('\n')
+        body = rest if title.startswith('IDL: ') else part
+        types |= get_types_from_idl(body) if body.strip() else {}
+    return types
 
 
 def _rooted(topic: str) -> str:
