@@ -22,11 +22,23 @@ from vio_eval_ros.recordings.text import read_text, TextFile
 QUATERNION_COLUMNS = {'xyzw': [4, 5, 6, 7], 'wxyz': [5, 6, 7, 4]}
 
 
+class Reading(NamedTuple):
+    """
+    One way to read a file whose layout leaves something open.
+
+    :param statement: what settles it, as it is appended to a spec: 'quaternion=wxyz'.
+    :param poses: what the file holds, read so.
+    """
+
+    statement: str
+    poses: Poses
+
+
 def poses_of(
     file: TextFile, times: Path | None, statements: dict[str, str], notes: list[str]
-) -> tuple[str, Poses]:
+) -> tuple[str, list[Reading]]:
     """
-    Return the kind of a text file and its poses.
+    Return the kind of a text file and all ways to read its poses, the likeliest first.
 
     :param times: a file of stamps beside it, for KITTI poses.
     :param statements: what the user stated of it.
@@ -68,12 +80,12 @@ def _are_euroc(file: TextFile, times: Path | None) -> bool:
 
 def _euroc(
     file: TextFile, times: Path | None, statements: dict[str, str], notes: list[str]
-) -> Poses:
+) -> list[Reading]:
     """Return the poses of EuRoC's rows: nanoseconds, quaternions w x y z."""
     is_seconds = file.rows.likely_unit == 's' and file.rows.decimals.any()
     unit = _unit(file, 's' if is_seconds else 'ns', 'ns', statements, notes)
     order = statements.get('quaternion') or _named_order(file) or 'wxyz'
-    return _stamped(file, unit, order)
+    return [Reading('', _stamped(file, unit, order))]
 
 
 def _are_tum(file: TextFile, times: Path | None) -> bool:
@@ -83,7 +95,7 @@ def _are_tum(file: TextFile, times: Path | None) -> bool:
 
 def _tum(
     file: TextFile, times: Path | None, statements: dict[str, str], notes: list[str]
-) -> Poses:
+) -> list[Reading]:
     """Return the poses of TUM's rows: seconds, quaternions x y z w."""
     unit = _unit(file, file.rows.likely_unit, 's', statements, notes)
     order = statements.get('quaternion') or _named_order(file)
@@ -92,7 +104,8 @@ def _tum(
             f'{file.path}: quaternions are read as x y z w; if the file has w x y z, append '
             '?quaternion=wxyz'
         )
-    return _stamped(file, unit, order or 'xyzw')
+    orders = (order,) if order else ('xyzw', 'wxyz')
+    return [Reading(f'quaternion={one}', _stamped(file, unit, one)) for one in orders]
 
 
 def _unit(
@@ -126,7 +139,7 @@ def _are_matrices(file: TextFile, times: Path | None) -> bool:
 
 def _matrices(
     file: TextFile, times: Path | None, statements: dict[str, str], notes: list[str]
-) -> Poses:
+) -> list[Reading]:
     """Return the poses of rows of 3x4 matrices, with stamps [s] from another file."""
     if times is None:
         raise ReadError(
@@ -140,9 +153,9 @@ def _matrices(
         )
     matrices = values.reshape(-1, 3, 4).copy()
     matrices[~np.isfinite(stamps.values[:, 0]), :, 3] = np.nan  # to be dropped, and counted
-    return Poses(
-        stamps.nanoseconds(times, 's'), matrices[:, :, 3], rotation.from_matrix(matrices[:, :, :3])
-    )
+    rotations = rotation.from_matrix(matrices[:, :, :3])
+    poses = Poses(stamps.nanoseconds(times, 's'), matrices[:, :, 3], rotations)
+    return [Reading('', poses)]
 
 
 class Reader(NamedTuple):
@@ -154,7 +167,7 @@ class Reader(NamedTuple):
     """
 
     recognises: Callable[[TextFile, Path | None], bool]
-    read: Callable[[TextFile, Path | None, dict[str, str], list[str]], Poses]
+    read: Callable[[TextFile, Path | None, dict[str, str], list[str]], list[Reading]]
 
 
 READERS = {

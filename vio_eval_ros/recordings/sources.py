@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 import re
-from typing import NamedTuple, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from vio_eval_ros.core import rotation
 from vio_eval_ros.core.cleaning import MIN_QUATERNION_NORM
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError, ReadError
-from vio_eval_ros.recordings.layouts import poses_of
+from vio_eval_ros.recordings.layouts import poses_of, Reading
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.spec import exists, LENGTH_UNITS, RECORDING_SUFFIXES, Spec
 from vio_eval_ros.recordings.text import read_text
@@ -26,18 +26,6 @@ if TYPE_CHECKING:
 
 PARALLEL_BYTES = 1 << 24
 TRUTH_WORDS = r'truth|(^|[/_])gt($|[/_])|vicon|leica|mocap|optitrack|qualisys'
-
-
-class Reading(NamedTuple):
-    """
-    One way to read a file whose layout leaves something open.
-
-    :param statement: what settles it, as it is appended to a spec: 'quaternion=wxyz'.
-    :param poses: what the file holds, read so.
-    """
-
-    statement: str
-    poses: Poses
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -233,9 +221,16 @@ def _size(path: Path | None) -> int:
 def _from_text(text: str, spec: Spec, times: Path | None, progress: Progress = silent) -> Source:
     path, notes = _file(spec.path or Path())
     file = read_text(path, progress)
-    kind, poses = poses_of(file, times, spec.statements, notes)
-    paths = (path, times) if kind == 'kitti' and times else (path,)
-    return Source(text, kind, paths, _as_stated(poses, spec), tuple(notes))
+    kind, readings = poses_of(file, times, spec.statements, notes)
+    stated = tuple(one._replace(poses=_as_stated(one.poses, spec)) for one in readings)
+    return Source(
+        spec=text,
+        kind=kind,
+        paths=(path, times) if kind == 'kitti' and times else (path,),
+        poses=stated[0].poses,
+        warnings=(*file.notes, *notes),
+        readings=stated if len(stated) > 1 else (),
+    )
 
 
 def _file(path: Path) -> tuple[Path, list[str]]:

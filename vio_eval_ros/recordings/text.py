@@ -15,6 +15,7 @@ import re
 import numpy as np
 
 from vio_eval_ros.errors import ReadError
+from vio_eval_ros.recordings.content import content_of
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.rows import BadRow, parse, Rows
 
@@ -28,12 +29,16 @@ class TextFile:
 
     :param header: the comments and names of columns at its top.
     :param has_commas: whether commas separate its columns.
+    :param names: of its columns, units in brackets behind them; None where nothing tells them.
+    :param notes: what was taken for granted, in sentences.
     """
 
     path: Path
     rows: Rows
     header: bytes
     has_commas: bool
+    names: tuple[str, ...] | None = None
+    notes: tuple[str, ...] = ()
 
 
 def read_text(path: Path, progress: Progress = silent) -> TextFile:
@@ -46,16 +51,13 @@ def read_text(path: Path, progress: Progress = silent) -> TextFile:
         raise ReadError(path, str(error)) from None
     if not data or data.isspace():
         raise ReadError(path, 'the file is empty')
-    if b'\0' in data[:BLOCK_BYTES]:
-        raise ReadError(path, 'neither a text file nor a recording (expected .bag, .db3 or .mcap)')
-    data = data.removeprefix(b'\xef\xbb\xbf')  # the byte order mark of Windows
-    if b'\r' in data and b'\n' not in data:
-        data = data.replace(b'\r', b'\n')
+    data, names, notes = content_of(path, data)
     header, start = split_header(data)
     if re.match(rb'\s*(-?\d+,\d+[ \t;]+){2}', data[start : start + 1000]):
         raise ReadError(path, 'its numbers have decimal commas; write them with points')
     rows = _rows(path, data, start, progress)
-    return TextFile(path, rows, header, b',' in data[start : start + BLOCK_BYTES])
+    has_commas = b',' in data[start : start + BLOCK_BYTES]
+    return TextFile(path, rows, header, has_commas, names, notes)
 
 
 def split_header(data: bytes) -> tuple[bytes, int]:
