@@ -147,7 +147,7 @@ def test_blocks_join_without_losing_a_row(tmp_path, monkeypatch):
         ('', 'the file is empty'),
         ('\n \n', 'the file is empty'),
         ('# only\n# comments\n', 'no rows of numbers'),
-        ('version https://git-lfs.github.com/spec/v1\n', 'no rows of numbers'),
+        ('version https://git-lfs.github.com/spec/v1\n', 'git lfs pull'),
         (b'\x00\x01\x02', 'neither a text file nor a recording'),
         (f'{ROW}\n\n# note\n2 0 0 x 0 0 0 1\n', "line 4: 'x' is not a number"),
         (f'{ROW}\n2 0 0 0 0 0 1\n', 'line 2: 7 columns, but 8'),

@@ -145,7 +145,9 @@ def _matrices(
         raise ReadError(
             file.path, 'these are KITTI poses; give the file of their stamps with --times'
         )
-    stamps = read_text(times).rows
+    file_of_times = read_text(times)
+    stamps = file_of_times.rows
+    notes += file_of_times.notes
     values = file.rows.values
     if len(stamps.values) != len(values):
         raise ReadError(

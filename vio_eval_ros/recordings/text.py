@@ -53,8 +53,6 @@ def read_text(path: Path, progress: Progress = silent) -> TextFile:
         raise ReadError(path, 'the file is empty')
     data, names, notes = content_of(path, data)
     header, start = split_header(data)
-    if re.match(rb'\s*(-?\d+,\d+[ \t;]+){2}', data[start : start + 1000]):
-        raise ReadError(path, 'its numbers have decimal commas; write them with points')
     rows = _rows(path, data, start, progress)
     has_commas = b',' in data[start : start + BLOCK_BYTES]
     return TextFile(path, rows, header, has_commas, names, notes)
