@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -11,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vio_eval_ros.core.trajectory import Poses
-from vio_eval_ros.errors import ReadError, UnsupportedMessage
+from vio_eval_ros.errors import ConfigError, ReadError, UnsupportedMessage
 from vio_eval_ros.recordings import messages
 from vio_eval_ros.recordings.container import Container, reading, Topic
 from vio_eval_ros.recordings.decoder import Blocks, Decoder
@@ -29,10 +30,33 @@ class TopicPoses(NamedTuple):
 
     :param poses: as last revised, where the topic revises them.
     :param causal: as first published; None where the topic revises nothing.
+    :param warnings: what was taken for granted, in sentences.
     """
 
     poses: Poses
     causal: Poses | None = None
+    warnings: tuple[str, ...] = ()
+
+
+class Wanted(NamedTuple):
+    """
+    What is to be read of a recording.
+
+    :param topic: its name.
+    :param frames: 'PARENT.CHILD' of a TF topic.
+    :param by_recording: whether the time of recording takes the place of the stamps.
+    """
+
+    topic: str
+    frames: str
+    by_recording: bool
+
+    @classmethod
+    def parse(cls, spec: str) -> Wanted:
+        """Return what a spec of :meth:`Recording.read` names."""
+        body, _, stated = spec.partition('?')
+        topic, _, frames = body.partition(':')
+        return cls(topic, frames, stated == 'stamps=recorded')
 
 
 class Recording(Container):
@@ -51,31 +75,33 @@ class Recording(Container):
         Return the poses of topics and transforms, in a single pass over the recording.
 
         :param specs: '/topic', or '/tf:PARENT.CHILD' for the motion of CHILD in PARENT, chained
-            through the tree on that TF topic and the static one beside it.
+            through the tree on that TF topic and the static one beside it; with
+            '?stamps=recorded', at the times at which the messages were recorded.
         :param progress: wraps the iterable of messages given their number, as ``tqdm`` would.
         :raises ReadError: unknown or empty topics, unknown frames, a damaged recording.
         :raises UnsupportedMessage: a topic whose messages carry no pose.
         """
         sinks: dict[str, list[Sink]] = defaultdict(list)
         results: dict[str, Callable[[], TopicPoses]] = {}
-        trees: dict[str, TransformTree] = {}
+        trees: dict[tuple[str, bool], TransformTree] = {}
         for spec in dict.fromkeys(specs):
-            name, colon, frames = spec.partition(':')
-            topic = self._topic(name, transforms=bool(colon))
-            if colon:
-                if name not in trees:
-                    trees[name] = self._feed_tree(topic, sinks)
-                results[spec] = partial(_looked_up, trees[name], frames)
+            wanted = Wanted.parse(spec)
+            topic = self._topic(wanted.topic, transforms=':' in spec)
+            if ':' in spec:
+                key = wanted.topic, wanted.by_recording
+                if key not in trees:
+                    trees[key] = self._feed_tree(topic, sinks, wanted.by_recording)
+                notes = (_by_recording(f'{self.path}:{spec}'),) if wanted.by_recording else ()
+                results[spec] = partial(_looked_up, trees[key], wanted.frames, notes)
             else:
-                collector = _PoseColumns(self.decoder(topic))
-                sinks[name].append(collector.add)
+                collector = _PoseColumns(self.decoder(topic), wanted.by_recording)
+                sinks[wanted.topic].append(collector.add)
                 results[spec] = collector.read
 
         self.feed(sinks, progress)
         read = {spec: result() for spec, result in results.items()}
         for spec, found in read.items():
-            if not len(found.poses):
-                raise ReadError(f'{self.path}:{spec}', 'its messages have no poses')
+            self._check(spec, found.poses, Wanted.parse(spec).by_recording)
         self.warnings += [line for tree in trees.values() for line in tree.warnings]
         return [read[spec] for spec in specs]
 
@@ -99,6 +125,24 @@ class Recording(Container):
                     f'only {received[name]} of the {count} messages in the index are there; the '
                     'recording is damaged, or its metadata.yaml belongs to another recording',
                 )
+
+    def _check(self, spec: str, poses: Poses, by_recording: bool) -> None:
+        """Raise ``ReadError`` where there is no pose, or where all have the same stamp."""
+        source = f'{self.path}:{spec}'
+        stamps = poses.stamps_ns
+        if not len(stamps):
+            raise ReadError(source, 'its messages have no poses')
+        if np.ptp(stamps) or (len(stamps) == 1 and stamps[0]):
+            return
+        if by_recording:
+            raise ReadError(source, 'all its messages were recorded at the same time')
+        seconds = int(stamps[0]) / 1e9
+        value = f'is the same, {seconds:.3f} s' if seconds else 'is 0: it was never set'
+        raise ReadError(
+            source,
+            f'the stamp of every message {value}; to take the time at which each was recorded, '
+            f'write {spec}?stamps=recorded',
+        )
 
     def _topic(self, name: str, transforms: bool) -> Topic:
         """Return the topic of this name, or explain why it cannot be evaluated."""
@@ -148,13 +192,16 @@ class Recording(Container):
         with reading(source):
             return Decoder(source, channel)
 
-    def _feed_tree(self, topic: Topic, sinks: dict[str, list[Sink]]) -> TransformTree:
+    def _feed_tree(
+        self, topic: Topic, sinks: dict[str, list[Sink]], by_recording: bool
+    ) -> TransformTree:
         """Return a tree that is fed with the messages of a TF topic and of its static twin."""
         tree = TransformTree(f'{self.path}:{topic.name}')
 
-        def sink(decoder: Decoder, static: bool, _: int, message: bytes) -> None:
+        def sink(decoder: Decoder, static: bool, log_ns: int, message: bytes) -> None:
             with reading(decoder.source):
-                tree.add(decoder.deserialize(message), static)
+                recorded_ns = log_ns if by_recording else None
+                tree.add(decoder.deserialize(message), static, recorded_ns)
 
         for fed in self.topics:
             if fed.name in (topic.name, f'{topic.name}_static') and fed.msgtype in TF_TYPES:
@@ -163,33 +210,52 @@ class Recording(Container):
         return tree
 
 
-def _looked_up(tree: TransformTree, frames: str) -> TopicPoses:
-    return TopicPoses(tree.lookup(frames))
+def _looked_up(tree: TransformTree, frames: str, warnings: tuple[str, ...]) -> TopicPoses:
+    return TopicPoses(tree.lookup(frames), warnings=warnings)
+
+
+def _by_recording(source: str) -> str:
+    """Return the sentence that says which times stand for stamps."""
+    return (
+        f'{source}: each pose has the time at which it was recorded, which is later than it was '
+        'measured; `diagnose` finds how much later'
+    )
 
 
 class _PoseColumns:
     """The poses of one topic, decoded a block at a time: memory holds columns, not messages."""
 
-    def __init__(self, decoder: Decoder) -> None:
+    def __init__(self, decoder: Decoder, by_recording: bool) -> None:
         self._decoder = decoder
         self._path = PathRevisions(decoder.source) if decoder.msgtype == PATH else None
         self._blocks = Blocks(self._decode)
         self._columns: list[tuple[np.ndarray, np.ndarray]] = []
+        self._logged = array('q') if by_recording else None
+        if self._path and by_recording:
+            raise ConfigError(
+                f'{decoder.source}: stamps=recorded does not apply to a Path, each message of '
+                'which has many poses'
+            )
 
-    def add(self, _: int, message: bytes) -> None:
+    def add(self, log_ns: int, message: bytes) -> None:
         """Take one message."""
         if self._path:
             self._path.add(messages.poses(*self._decoder.columns([message])))
-        else:
-            self._blocks.add(message)
+            return
+        if self._logged is not None:
+            self._logged.append(log_ns)
+        self._blocks.add(message)
 
     def read(self) -> TopicPoses:
         """Return the poses of all messages."""
         if self._path:
             return TopicPoses(self._path.final(), self._path.causal())
         self._blocks.flush()
-        stamps, numbers = zip(*self._columns, strict=True)
-        return TopicPoses(messages.poses(np.concatenate(stamps), np.concatenate(numbers)))
+        stamps, numbers = map(np.concatenate, zip(*self._columns, strict=True))
+        if self._logged is None:
+            return TopicPoses(messages.poses(stamps, numbers))
+        warnings = (_by_recording(self._decoder.source),)
+        return TopicPoses(messages.poses(np.array(self._logged), numbers), warnings=warnings)
 
     def _decode(self, block: list[bytes]) -> None:
         self._columns.append(self._decoder.columns(block))

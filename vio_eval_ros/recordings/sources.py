@@ -178,12 +178,18 @@ def _from_recording(
 
     assert path is not None
     with Recording(path) as opened:
-        read = opened.read([str(spec.topic) for spec in specs], progress)
+        read = opened.read([_of_recording(spec) for spec in specs], progress)
         return [_of_topic(opened, *each) for each in zip(texts, specs, read, strict=True)]
 
 
+def _of_recording(spec: Spec) -> str:
+    """Return what of a spec the recording is asked for; the rest is done with the poses."""
+    stamps = spec.statements.get('stamps')
+    return str(spec.topic) + (f'?stamps={stamps}' if stamps == 'recorded' else '')
+
+
 def _of_topic(recording: Recording, text: str, spec: Spec, read: TopicPoses) -> Source:
-    poses, causal = read
+    poses, causal, warnings = read
     if 'revision' in spec.statements:
         if causal is None:
             raise ConfigError(f'{text}: only a Path has revisions')
@@ -193,7 +199,7 @@ def _of_topic(recording: Recording, text: str, spec: Spec, read: TopicPoses) -> 
         kind=recording.kind,
         paths=recording.paths,
         poses=_as_stated(poses, spec),
-        warnings=tuple(recording.warnings),
+        warnings=(*warnings, *recording.warnings),
         causal=None if causal is None else _as_stated(causal, spec),
     )
 

@@ -4,6 +4,7 @@ What a user writes to name a source of poses.
 ::
 
     /topic                      a topic of the recording given beside it
+    /topic[NAME]                an element of an array, by name or index
     /tf:PARENT.CHILD            a transform of that recording
     PATH                        a TUM file, EuRoC data.csv or sequence folder, KITTI poses
     RECORDING:/topic            a topic of another recording
@@ -12,7 +13,6 @@ What a user writes to name a source of poses.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from pathlib import Path
 import re
 from typing import NamedTuple
@@ -29,30 +29,37 @@ LENGTH_UNITS = {'m': 1.0, 'cm': 0.01, 'mm': 0.001, 'km': 1000.0}
 
 class Statement(NamedTuple):
     """
-    A convention that may be stated of a source.
+    What may be stated of a source after the name of a convention.
 
-    :param expected: what may be written after its name, in words.
-    :param pattern: of what may be written.
-    :param of: 'file', 'topic' or 'file or topic'; only there it means something.
+    :param expected: in words.
+    :param pattern: as a regular expression.
     """
 
     expected: str
     pattern: str
-    of: str
 
     @classmethod
-    def one_of(cls, values: Iterable[str], of: str) -> Statement:
-        """Return the convention that has one of a few values."""
-        values = list(values)
-        return cls(' or '.join(values), '|'.join(values), of)
+    def one_of(cls, *values: str) -> Statement:
+        """Return that it is one of a few values."""
+        return cls(' or '.join(values), '|'.join(values))
 
 
+OF_EITHER = {
+    'unit': Statement.one_of(*LENGTH_UNITS),
+    'invert': Statement.one_of('pose', 'rotation'),
+}
+#: the conventions that mean something of a file, and of a topic
 STATEMENTS = {
-    'quaternion': Statement.one_of(('xyzw', 'wxyz'), 'file'),
-    'stamps': Statement.one_of(STAMP_UNITS, 'file'),
-    'unit': Statement.one_of(LENGTH_UNITS, 'file or topic'),
-    'invert': Statement.one_of(('pose', 'rotation'), 'file or topic'),
-    'revision': Statement.one_of(('final', 'causal'), 'topic'),
+    'file': {
+        'quaternion': Statement.one_of('xyzw', 'wxyz'),
+        'stamps': Statement.one_of(*STAMP_UNITS),
+        **OF_EITHER,
+    },
+    'topic': {
+        'stamps': Statement.one_of('header', 'recorded'),
+        'revision': Statement.one_of('final', 'causal'),
+        **OF_EITHER,
+    },
 }
 
 
@@ -81,21 +88,10 @@ class Spec(NamedTuple):
         statements = dict(stated)
         if len(statements) < len(stated):
             raise ConfigError(f'{text}: a convention is stated twice')
-        for name, value in statements.items():
-            if name not in STATEMENTS:
-                raise ConfigError(
-                    f"{text}: '{name}' is not a convention of a source (expected "
-                    f'{", ".join(STATEMENTS)}){nearest_name(name, STATEMENTS)}'
-                )
-            if not re.fullmatch(STATEMENTS[name].pattern, value):
-                raise ConfigError(
-                    f"{text}: {name} must be {STATEMENTS[name].expected}, not '{value}'"
-                )
         path, topic = cls._located(body)
         what = 'topic' if topic else 'file'
-        for name in statements:
-            if what not in STATEMENTS[name].of:
-                raise ConfigError(f'{text}: {name} does not apply to a {what}')
+        for name, value in statements.items():
+            _check(text, what, name, value)
         return cls(path, topic, statements)
 
     @staticmethod
@@ -108,6 +104,21 @@ class Spec(NamedTuple):
         if body.startswith('/') and not exists(Path(body)):
             return None, body
         return Path(body), None
+
+
+def _check(text: str, what: str, name: str, value: str) -> None:
+    """Raise ``ConfigError`` unless a convention may be stated so of a 'file' or a 'topic'."""
+    known = list(dict.fromkeys(name for names in STATEMENTS.values() for name in names))
+    if name not in known:
+        raise ConfigError(
+            f"{text}: '{name}' is not a convention of a source (expected "
+            f'{", ".join(known)}){nearest_name(name, known)}'
+        )
+    statement = STATEMENTS[what].get(name)
+    if statement is None:
+        raise ConfigError(f'{text}: {name} does not apply to a {what}')
+    if not re.fullmatch(statement.pattern, value):
+        raise ConfigError(f"{text}: {name} must be {statement.expected}, not '{value}'")
 
 
 def exists(path: Path) -> bool:

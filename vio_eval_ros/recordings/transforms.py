@@ -48,10 +48,10 @@ class Samples:
     def __len__(self) -> int:
         return len(self._stamps)
 
-    def append(self, transform: Any) -> None:
-        """Take the stamp and the numbers of a TransformStamped."""
+    def append(self, transform: Any, recorded_ns: int | None = None) -> None:
+        """Take the stamp, or the time of recording in its place, and numbers of a transform."""
         ((stamp_ns, numbers),) = from_transform_stamped(transform)
-        self._stamps.append(stamp_ns)
+        self._stamps.append(stamp_ns if recorded_ns is None else recorded_ns)
         self._numbers.extend(numbers)
 
     def poses(self) -> Poses:
@@ -74,13 +74,17 @@ class TransformTree:
         self._static: dict[Edge, Samples] = defaultdict(Samples)
         self.warnings: list[str] = []
 
-    def add(self, message: Any, static: bool) -> None:
-        """Take the transforms of a TFMessage."""
+    def add(self, message: Any, static: bool, recorded_ns: int | None = None) -> None:
+        """
+        Take the transforms of a TFMessage.
+
+        :param recorded_ns: when it was recorded, where that takes the place of its stamps.
+        """
         edges = self._static if static else self._dynamic
         for transform in message.transforms:
             # tf2 knows no leading slashes, ROS 1 recordings still have them
             parent = transform.header.frame_id.lstrip('/')
-            edges[parent, transform.child_frame_id.lstrip('/')].append(transform)
+            edges[parent, transform.child_frame_id.lstrip('/')].append(transform, recorded_ns)
 
     def lookup(self, frames: str) -> Poses:
         """
