@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.alignment import FREE_PARAMETERS
 from vio_eval_ros.core.config import ALIGNMENTS, EvaluationConfig, RPE_PAIRS
 from vio_eval_ros.core.evaluation import Evaluation, metric_names
 from vio_eval_ros.core.trajectory import Poses, Trajectory
@@ -328,24 +329,42 @@ def test_poses_that_are_all_nan_are_counted_and_named(flight, evaluate):
 
 @pytest.mark.parametrize('alignment', ALIGNMENTS)
 @pytest.mark.parametrize('count', [1, 2, 3])
-def test_a_few_pairs_give_what_they_determine(flight, estimated, evaluate, alignment, count):
-    estimate = estimated(flight)
-    summary = evaluate(estimate[:count], flight, alignment=alignment)
+def test_as_many_pairs_as_an_alignment_can_fit_have_no_absolute_error(
+    flight, estimated, alignment, count
+):
+    evaluation = Evaluation(EvaluationConfig(alignment=alignment))
+    evaluation.add_estimate(estimated(flight)[:count])
+    evaluation.add_ground_truth(flight)
+    evaluation.flush()
+    running, summary = evaluation.running(), evaluation.summary()
     metrics = summary.metrics
     assert len(summary.pairs) == count
-    no_scale = alignment == 'sim3' and count == 1
-    undetermined = (alignment in ('se3', 'sim3') and count < 3) or (
-        alignment == 'posyaw' and count < 2
+    enough = count > 1 and 3 * count > FREE_PARAMETERS[alignment]
+    absolute = {name for name in metrics if name.startswith(('ate_trans', 'ate_rot'))}
+    assert absolute <= nulls(summary) if not enough else not absolute & nulls(summary)
+    assert math.isnan(metrics['ate_extent_ratio']) != enough
+    assert math.isnan(running['ate_trans_rmse_m']) != enough
+    assert math.isnan(metrics['path_length_m']) == (count == 1)
+    assert math.isnan(metrics['rpe_1f_trans_rmse_m']) == (
+        count == 1 or (alignment in ('scale', 'sim3') and not enough)
     )
-    assert math.isnan(metrics['ate_trans_rmse_m']) == no_scale
-    assert math.isnan(metrics['ate_rot_rmse_deg']) == undetermined
-    assert summary.alignment.observable != undetermined
-    assert math.isnan(metrics['rpe_1f_trans_rmse_m']) == (count == 1)
     assert math.isnan(metrics['rpe_1s_trans_rmse_m'])
-    assert math.isnan(metrics['sim3_scale']) == (count == 1)
+    assert math.isnan(metrics['sim3_scale']) == (count < 3)
     assert any(f'only {count} pair' in text for text in summary.warnings)
-    if undetermined:
-        assert any('not determined' in text for text in summary.warnings)
+    assert any('absolute errors are null' in text for text in summary.warnings) != enough
+
+
+def test_first_pairs_along_a_line_align_no_others(flight, estimated, evaluate):
+    straight = np.array(flight.positions)
+    straight[:40] = straight[0] + np.outer(np.arange(40), [0.1, 0.2, 0.0])
+    truth = replace(flight, positions=straight)
+    estimate = estimated(truth, metres=0.0)
+    summary = evaluate(estimate, truth, align_first_s=1.0)
+    assert math.isnan(summary.metrics['ate_trans_rmse_m'])
+    assert summary.metrics['ate_se3_trans_rmse_m'] > 0
+    assert summary.metrics['rpe_1s_trans_rmse_m'] > 0
+    assert any('in the first align_first_s' in text for text in summary.warnings)
+    assert evaluate(estimate, truth, align_first_s=4.0).metrics['ate_trans_rmse_m'] > 0
 
 
 LINE = np.outer(np.linspace(0, 20, 400), [1, 2, 2])

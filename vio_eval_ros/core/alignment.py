@@ -17,6 +17,10 @@ from vio_eval_ros.core.rotation import IDENTITY
 from vio_eval_ros.core.trajectory import blocks, PairLog, Pairs, Trajectory
 
 SCALED_MODES = ('scale', 'sim3')
+#: parameters that an alignment has to fit
+FREE_PARAMETERS = {'none': 0, 'scale': 1, 'posyaw': 4, 'origin': 6, 'se3': 6, 'sim3': 7}
+COORDINATES = 3
+FEWEST_PAIRS = 2
 #: second over first singular value, below which positions lie on a line
 COLLINEAR_RATIO = 1e-3
 MIN_EXTENT_M = 1e-6
@@ -120,10 +124,10 @@ class Alignment:
 
     :param mode: one of ``ALIGNMENTS`` of the options.
     :param scale: s; NaN where the estimate does not move.
-    :param rotation: R as (4,) unit quaternion x y z w.
-    :param translation: t, (3,) metres; NaN where there is nothing to align.
-    :param undetermined: why the motion does not determine R; empty where it does. Rotation errors
-        are NaN where it does not.
+    :param rotation: R as (4,) unit quaternion x y z w; NaN where nothing is determined.
+    :param translation: t, (3,) metres; NaN where nothing is determined.
+    :param undetermined: why the motion does not determine R, or the pairs determine nothing;
+        empty where they do. Rotation errors are NaN where they do not.
     """
 
     mode: str
@@ -151,7 +155,13 @@ class Alignment:
     def invertible(self) -> Alignment:
         """Return the alignment, with scale 1 where its own is too extreme to divide by."""
         usable = MIN_SCALE < self.scale < 1 / MIN_SCALE
-        return self if usable else replace(self, scale=1.0)
+        known = self if self.is_known else replace(self, rotation=IDENTITY)
+        return known if usable else replace(known, scale=1.0)
+
+    @property
+    def is_known(self) -> bool:
+        """Whether there are absolute errors under it."""
+        return not math.isnan(self.translation[0])
 
     @cached_property
     def matrix(self) -> np.ndarray:
@@ -181,26 +191,52 @@ class Alignment:
 
 
 def undetermined(mode: str, why: str) -> Alignment:
-    """Return the alignment of no pairs: every error under it is NaN."""
+    """Return the alignment that nothing determines: every error under it is NaN."""
     scale = math.nan if mode in SCALED_MODES else 1.0
-    return Alignment(mode, scale, IDENTITY, np.full(3, math.nan), why)
+    return Alignment(mode, scale, np.full(4, math.nan), np.full(3, math.nan), why)
 
 
-def solve(mode: str, moments: Moments, first: Pairs) -> Alignment:
+def solve(mode: str, moments: Moments, first: Pairs, compared: int | None = None) -> Alignment:
     """
     Return the alignment that minimises the mean squared distance within a mode.
+
+    With no more coordinates than parameters an alignment leaves no error, whatever the poses are.
+    Nor does a single pair say anything of a trajectory. Then nothing is determined.
 
     :param mode: none, origin (the first poses coincide), scale (about the origin of the world),
         posyaw (rotation about the vertical only), se3 or sim3.
     :param moments: of the pairs to align on.
     :param first: the first pair of the run, for ``origin``.
+    :param compared: how many pairs the alignment is applied to, where that is more.
+    """
+    count = moments.count if compared is None else compared
+    if why := _why_not_redundant(mode, count):
+        return undetermined(mode, why)
+    alignment = _fit(mode, moments, first)
+    if moments.count < count and not alignment.observable:
+        # fitted pairs lie on a line, around which the others may be anywhere
+        return undetermined(mode, f'{alignment.undetermined} in the first align_first_s')
+    return alignment
+
+
+def _why_not_redundant(mode: str, count: int) -> str:
+    """Return why so few pairs leave no errors to measure; empty where they do."""
+    if count < FEWEST_PAIRS:
+        return 'there is only one pair' if count else 'there are no pairs'
+    free = FREE_PARAMETERS[mode]
+    if COORDINATES * count <= free:
+        return f'{count} pairs are not more than the {free} parameters of {mode} can fit'
+    return ''
+
+
+def _fit(mode: str, moments: Moments, first: Pairs) -> Alignment:
+    """
+    Return the alignment of one or more pairs, however few.
 
     Umeyama (1991), equations 34 to 43, for se3 and sim3; Zhang and Scaramuzza (2018), for posyaw.
     """
     if mode == 'none':
         return Alignment(mode, 1.0, IDENTITY, np.zeros(3))
-    if not moments.count:
-        return undetermined(mode, 'there are no pairs')
     if mode == 'origin':
         return _origin(first)
     mean_e, mean_g, cross = moments.mean_estimate, moments.mean_truth, moments.cross
@@ -285,7 +321,9 @@ class Aligner:
         """
         if log.count >= 2 * self._referenced and not log.dropped:
             pairs = log.all()
-            reference = solve('sim3', Moments.of(pairs), pairs[:1]).invertible().linear
+            reference = np.eye(3)
+            if len(pairs):
+                reference = _fit('sim3', Moments.of(pairs), pairs[:1]).invertible().linear
             self.moments, self._referenced = Moments.of(pairs, reference), len(pairs)
         else:
             new = Moments.of(log.since(self.moments.count), self.moments.reference)
@@ -295,7 +333,7 @@ class Aligner:
     def solve(self, log: PairLog, moments: Moments) -> Alignment:
         """Return the alignment of the pairs of a log, of which these are the moments."""
         fitted = self._of_first(log) if self._first_ns else moments
-        return solve(self._mode, fitted, log.all()[:1])
+        return solve(self._mode, fitted, log.all()[:1], moments.count)
 
     def _of_first(self, log: PairLog) -> Moments:
         """Return the moments of the first pairs, which alone are fitted."""

@@ -172,7 +172,12 @@ class Evaluation:
 
     def _warnings(self, pairs: Pairs, alignment: Alignment) -> Iterator[str]:
         """Yield why the motion or the number of pairs makes numbers unreliable."""
-        if len(pairs) and not alignment.observable:
+        if len(pairs) and not alignment.is_known:
+            yield (
+                f'{alignment.undetermined}: nothing determines the {alignment.mode} alignment; '
+                'absolute errors are null'
+            )
+        elif len(pairs) and not alignment.observable:
             yield (
                 f'{alignment.undetermined}: the rotation of the {alignment.mode} alignment is not '
                 'determined; rotation errors are null'

@@ -88,7 +88,7 @@ class Ate(Metric):
 
     def _rotation_rmse(self, observed: Observations) -> float:
         """Return the RMSE of angles; where R has moved too far, from moments about the new R."""
-        aligned, log = observed.alignment.rotation, observed.log
+        aligned, log = observed.alignment.invertible().rotation, observed.log
         if not observed.pairs.oriented:
             return math.nan
         known = self._angles or AngleMoments.of(np.empty((0, 4)), aligned)
@@ -262,11 +262,11 @@ class PathLength(Metric):
         The drift is the relative pose error from the first pair to the last.
         """
         path = progress_along(observed.pairs, 'm')
-        return MetricValues(_drift(observed, float(path[-1]) if len(path) else math.nan))
+        return MetricValues(_drift(observed, float(path[-1]) if len(path) > 1 else math.nan))
 
     def running(self, observed: Observations) -> dict[str, float]:
         """Return the same, adding only the path since the last call."""
-        if not observed.log.count:
+        if observed.log.count < 2:
             return _drift(observed, math.nan)
         self._length_m += float(progress_along(observed.log.since(self._last), 'm')[-1])
         self._last = observed.log.count - 1

@@ -36,9 +36,10 @@ class Display:
     def show(self, pairs: Pairs, alignment: Alignment, frame: str) -> None:
         """Publish at most 2000 of the pairs."""
         pairs = pairs[every_kth(len(pairs))]
-        self._aligned.publish(path_message(alignment.apply(pairs.estimate), frame))
         self._truth.publish(path_message(pairs.ground_truth, frame))
-        self._markers.publish(error_markers(pairs, alignment, frame))
+        aligned = pairs if alignment.is_known else pairs[:0]
+        self._aligned.publish(path_message(alignment.apply(aligned.estimate), frame))
+        self._markers.publish(error_markers(aligned, alignment, frame))
 
 
 def path_message(trajectory: Trajectory, frame: str) -> Path:
