@@ -17,6 +17,7 @@ from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings.layouts import poses_of, Reading
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.spec import exists, LENGTH_UNITS, RECORDING_SUFFIXES, Spec
+from vio_eval_ros.recordings.stamps import check_resolution, padded, run_of
 from vio_eval_ros.recordings.text import read_text
 
 if TYPE_CHECKING:
@@ -198,9 +199,9 @@ def _of_topic(recording: Recording, text: str, spec: Spec, read: TopicPoses) -> 
         spec=text,
         kind=recording.kind,
         paths=recording.paths,
-        poses=_as_stated(poses, spec),
+        poses=_as_stated(text, poses, spec),
         warnings=(*warnings, *recording.warnings),
-        causal=None if causal is None else _as_stated(causal, spec),
+        causal=None if causal is None else _as_stated(text, causal, spec),
     )
 
 
@@ -227,8 +228,16 @@ def _size(path: Path | None) -> int:
 def _from_text(text: str, spec: Spec, times: Path | None, progress: Progress = silent) -> Source:
     path, notes = _file(spec.path or Path())
     file = read_text(path, progress)
+    rows = padded(file.rows)
+    if rows is not None:
+        file = replace(file, rows=rows)
+        notes.append(
+            f'{path}: the fractions of its stamps had lost their leading zeros, as where seconds '
+            'and nanoseconds are printed one after the other; they are read with these zeros'
+        )
     kind, readings = poses_of(file, times, spec.statements, notes)
-    stated = tuple(one._replace(poses=_as_stated(one.poses, spec)) for one in readings)
+    check_resolution(text, readings[0].poses)
+    stated = tuple(one._replace(poses=_as_stated(text, one.poses, spec)) for one in readings)
     return Source(
         spec=text,
         kind=kind,
@@ -257,8 +266,9 @@ def _file(path: Path) -> tuple[Path, list[str]]:
     )
 
 
-def _as_stated(poses: Poses, spec: Spec) -> Poses:
-    """Return the poses in metres, and those stated to be inverse inverted."""
+def _as_stated(text: str, poses: Poses, spec: Spec) -> Poses:
+    """Return the poses of one run, in metres, and those stated to be inverse inverted."""
+    poses = run_of(text, poses, spec.statements.get('run'))
     if 'unit' in spec.statements:
         poses = _scaled(poses, LENGTH_UNITS[spec.statements['unit']])
     invert = spec.statements.get('invert')
