@@ -448,6 +448,29 @@ def test_a_chain_through_a_real_tree_agrees_with_its_odometry(shared_data):
     assert [f'{path}:/tf:map.base_footprint: left out 28 of 2639' in w for w in warnings] == [True]
 
 
+@pytest.mark.parametrize(
+    ('dynamic', 'static'),
+    [('/a/tf', '/a/tf_static'), ('/a/tf', '/tf_static'), ('/tf', '/tf_static_remapped')],
+)
+def test_static_transforms_are_found_in_a_namespace_and_under_another_name(
+    tmp_path, dynamic, static
+):
+    build = Build(ROS2)
+    edges = [(dynamic, k, 'map', 'base') for k in range(1, 9)] + [(static, 0, 'base', 'camera')]
+    msgtype = 'tf2_msgs/msg/TFMessage'
+    with Writer2(tmp_path / 'run', version=9, storage_plugin=MCAP) as writer:
+        connections = {
+            name: writer.add_connection(name, msgtype, typestore=ROS2)
+            for name in (dynamic, static)
+        }
+        for name, k, *edge in edges:  # the static one comes last
+            message = build('tf2_msgs/TFMessage', transforms=[build.transform(k, *edge)])
+            raw = bytes(ROS2.serialize_cdr(message, msgtype))
+            writer.write(connections[name], START_NS + k * STEP_NS, raw)
+    (poses,) = read(tmp_path / 'run', f'{dynamic}:map.camera')
+    assert len(poses) == 8
+
+
 # --- asking for something ---
 
 

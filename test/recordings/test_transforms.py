@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from vio_eval_ros.errors import ReadError
-from vio_eval_ros.recordings.transforms import TransformTree
+from vio_eval_ros.recordings.transforms import static_topics, TransformTree
 
 TURN_Z_90 = (0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5))
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
@@ -26,10 +26,10 @@ def transform(parent, child, stamp_ns, translation, rotation=IDENTITY):
 
 
 def tree(dynamic=(), static=()):
-    built = TransformTree('/tf')
-    built.add(Message(transforms=list(static)), static=True)
+    built = TransformTree('/tf', ['/tf_static'])
+    built.add(Message(transforms=list(static)), '/tf_static')
     for each in dynamic:
-        built.add(Message(transforms=[each]), static=False)
+        built.add(Message(transforms=[each]))
     return built
 
 
@@ -105,24 +105,76 @@ def test_rotations_are_interpolated_on_the_shorter_arc():
 
 
 def test_stamps_outside_the_other_transforms_are_left_out_and_counted():
-    sparse = [transform('map', 'odom', stamp, (0, 0, 0)) for stamp in (3, 6)]
+    sparse = [transform('map', 'odom', stamp, (0, stamp, 0)) for stamp in (3, 6)]
     built = tree([*sparse, *moving('odom', 'base', range(1, 9))])
     assert built.lookup('map.base').stamps_ns.tolist() == [3, 4, 5, 6]
     (warning,) = built.warnings
     assert warning.startswith('/tf:map.base: left out 4 of 8 poses')
 
 
-def test_a_transform_known_once_serves_at_its_own_stamp_only():
+def test_a_transform_that_came_once_is_constant_and_said_to_be():
     built = tree([transform('map', 'odom', 2, (0, 7, 0)), *moving('odom', 'base', [1, 2, 3])])
     poses = built.lookup('map.base')
-    assert poses.stamps_ns.tolist() == [2]
-    assert poses.positions.tolist() == [[2, 7, 0]]
+    assert poses.stamps_ns.tolist() == [1, 2, 3]
+    assert poses.positions.tolist() == [[1, 7, 0], [2, 7, 0], [3, 7, 0]]
+    (warning,) = built.warnings
+    assert warning.startswith('/tf:map.base: map.odom came only once, at 0.00 s')
+
+
+@pytest.mark.parametrize('rotation', [TURN_Z_90, (0.0, 0.0, 0.6, 0.6)])
+@pytest.mark.parametrize('noise', [0.0, 1e-9])
+def test_a_transform_that_never_changes_leads_no_chain_however_often_it_comes(rotation, noise):
+    signs = [1, -1]  # a quaternion and its negative are one rotation
+    constant = [
+        transform(
+            'base', 'imu', stamp, (1 + noise * signs[stamp % 2], 0, 0),
+            tuple(signs[stamp % 2] * value for value in rotation),
+        )
+        for stamp in range(100)
+    ]  # fmt: skip
+    built = tree([*constant, *moving('odom', 'base', [20, 40, 60])])
+    poses = built.lookup('odom.imu')
+    assert poses.stamps_ns.tolist() == [20, 40, 60]
+    np.testing.assert_allclose(poses.positions[:, 0], [21, 41, 61], atol=1e-8)
+    assert not built.warnings
+
+
+def test_poses_outside_the_time_of_a_constant_transform_are_kept_and_counted():
+    constant = [transform('map', 'odom', stamp, (0, 7, 0)) for stamp in (3, 4, 5, 6)]
+    built = tree([*constant, *moving('odom', 'base', [1, 4, 5, 8])])
+    assert built.lookup('map.base').stamps_ns.tolist() == [1, 4, 5, 8]
+    (warning,) = built.warnings
+    assert 'map.odom never changes and is used as a constant, also for 2 of 4 poses' in warning
+
+
+def test_a_correction_that_is_sent_again_and_again_does_not_lead():
+    """Localisation sends map to odom ahead of time and often, though it changes now and then."""
+    steps = [transform('map', 'odom', stamp, (0, stamp // 50, 0)) for stamp in range(0, 200, 2)]
+    poses = tree([*steps, *moving('odom', 'base', range(0, 198, 10))]).lookup('map.base')
+    assert poses.stamps_ns.tolist() == list(range(0, 198, 10))
+    # as tf2 does, a step is a line between the two transforms around it
+    assert poses.positions[:, 1].tolist() == [stamp // 50 for stamp in range(0, 198, 10)]
+
+
+def test_a_slow_motion_is_one_though_no_step_of_it_is_seen():
+    slow = [transform('odom', 'base', stamp, (stamp * 4e-7, 0, 0)) for stamp in range(10)]
+    built = tree(slow, [transform('base', 'imu', 0, (0, 0, 1))])
+    assert len(built.lookup('odom.imu')) == 10
+    assert not built.warnings
+
+
+def test_a_chain_in_which_nothing_moves_is_said_to_be_one():
+    built = tree([transform('odom', 'base', stamp, (1, 0, 0)) for stamp in range(10)])
+    assert len(built.lookup('odom.base')) == 10
+    assert built.warnings == ['/tf:odom.base: nothing moves: odom.base never changes']
 
 
 def test_the_latest_of_several_static_transforms_counts():
     static = [transform('base', 'imu', 0, (0, 0, z)) for z in (1, 2)]
-    poses = tree(moving('odom', 'base', [1]), static).lookup('odom.imu')
-    assert poses.positions.tolist() == [[1, 0, 2]]
+    built = tree(moving('odom', 'base', [1, 2]), static)
+    assert built.lookup('odom.imu').positions.tolist() == [[1, 0, 2], [2, 0, 2]]
+    (warning,) = built.warnings
+    assert 'the static base.imu came with different values; the last is used' in warning
 
 
 def test_unordered_and_repeated_samples_are_interpolated_in_order():
@@ -175,16 +227,90 @@ def test_names_that_can_be_split_in_two_ways_are_refused():
         built.lookup('a.b.c')
 
 
-@pytest.mark.parametrize('frames', ['map.bose', 'map', '', '.', 'base'])
-def test_unknown_frames_are_answered_with_the_known_ones(frames):
-    with pytest.raises(ReadError, match=r'there are: base, map$'):
+@pytest.mark.parametrize(
+    ('frames', 'answer'),
+    [
+        ('map.bose', r"no frame 'bose'; there are: base, map; did you mean 'base'\?"),
+        ('mop.base', r"no frame 'mop'; there are: base, map; did you mean 'map'\?"),
+        ('/world.imu', r"no frames 'world' and 'imu'; there are: base, map$"),
+        ('map', r'expected PARENT\.CHILD of two known frames; there are: base, map$'),
+        ('', r'expected PARENT\.CHILD of two known frames; there are: base, map$'),
+        ('.', r"no frames '' and ''; there are: base, map$"),
+    ],
+)
+def test_unknown_frames_are_answered_with_the_known_ones(frames, answer):
+    with pytest.raises(ReadError, match=answer):
         tree(moving('map', 'base', [1])).lookup(frames)
 
 
-def test_frames_that_are_not_connected_are_refused():
+def test_of_many_frames_the_first_are_listed():
+    built = tree([each for k in range(60) for each in moving('map', f'leg_{k:02}', [1])])
+    with pytest.raises(ReadError, match=r"leg_39 and 21 more; did you mean 'leg_59'"):
+        built.lookup('map.leg_592')
+
+
+def test_frames_that_are_not_connected_are_answered_with_what_each_is_connected_with():
     built = tree([*moving('map', 'base', [1]), *moving('world', 'drone', [1])])
-    with pytest.raises(ReadError, match='no transforms connect the two; map reaches base, map'):
+    with pytest.raises(
+        ReadError,
+        match=r'no transforms connect the two: map is connected with base and drone with world, '
+        r'but the one between these is missing$',
+    ):
         built.lookup('map.drone')
+
+
+def test_two_spellings_of_a_frame_that_break_a_chain_are_named():
+    built = tree([*moving('map', 'odom', [1]), *moving('robot1/odom', 'base', [1])])
+    with pytest.raises(ReadError, match=r"are 'odom' and 'robot1/odom' the same\?$"):
+        built.lookup('map.base')
+
+
+def test_a_recording_without_static_transforms_is_said_to_be_one():
+    built = TransformTree('/tf')
+    built.add(Message(transforms=moving('odom', 'base', [1])))
+    with pytest.raises(ReadError, match=r"no frame 'imu'.*; no static transforms were recorded"):
+        built.lookup('odom.imu')
+
+
+def test_the_static_transforms_of_a_namespace_come_before_those_around_it():
+    built = TransformTree('/a/tf', ['/a/tf_static', '/tf_static'])
+    built.add(Message(transforms=moving('odom', 'base', [1, 2])))
+    built.add(Message(transforms=[transform('base', 'imu', 0, (0, 0, 1))]), '/a/tf_static')
+    around = [transform('base', 'imu', 0, (0, 0, 5)), transform('map', 'odom', 0, (0, 3, 0))]
+    built.add(Message(transforms=around), '/tf_static')
+    assert built.lookup('odom.imu').positions.tolist() == [[1, 0, 1], [2, 0, 1]]
+    assert built.lookup('map.imu').positions.tolist() == [[1, 3, 1], [2, 3, 1]]
+    assert not built.warnings
+
+
+def test_static_transforms_that_came_on_another_topic_are_said_to():
+    built = TransformTree('/tf', ['/robot/static_frames'])
+    built.add(Message(transforms=moving('odom', 'base', [1, 2])))
+    built.add(Message(transforms=[transform('base', 'imu', 0, (0, 0, 1))]), '/robot/static_frames')
+    assert built.lookup('odom.imu').positions.tolist() == [[1, 0, 1], [2, 0, 1]]
+    assert built.warnings == [
+        '/tf:odom.imu: the static transforms are those of /robot/static_frames'
+    ]
+
+
+@pytest.mark.parametrize(
+    ('topic', 'names', 'static'),
+    [
+        ('/tf', ['/tf', '/tf_static'], ['/tf_static']),
+        ('/tf', ['/tf', '/a/tf', '/a/tf_static'], ['/a/tf_static']),
+        ('/a/tf', ['/a/tf', '/tf_static', '/a/tf_static'], ['/a/tf_static', '/tf_static']),
+        (
+            '/a/b/tf',
+            ['/b/tf_static', '/tf_static', '/a/tf_static', '/a/b2/tf_static'],
+            ['/a/tf_static', '/tf_static', '/a/b2/tf_static', '/b/tf_static'],
+        ),
+        ('/tf_old', ['/tf_static', '/tf_old_static'], ['/tf_old_static', '/tf_static']),
+        ('/tf', ['/tf', '/tf_static_remapped', '/Static'], ['/Static', '/tf_static_remapped']),
+        ('/tf', ['/tf', '/static/tf'], []),
+    ],
+)
+def test_static_topics_are_found_by_name_the_nearest_first(topic, names, static):
+    assert static_topics(topic, names) == static
 
 
 @pytest.mark.parametrize('frames', ['base.imu', 'base.base'])

@@ -18,7 +18,7 @@ from vio_eval_ros.recordings.container import Container, reading, Topic
 from vio_eval_ros.recordings.decoder import Blocks, Decoder
 from vio_eval_ros.recordings.messages import PATH, PathRevisions
 from vio_eval_ros.recordings.progress import Progress, silent
-from vio_eval_ros.recordings.transforms import TF_TYPES, TransformTree
+from vio_eval_ros.recordings.transforms import static_topics, TF_TYPES, TransformTree
 
 # Takes the time [ns] at which a message was recorded, and its bytes.
 Sink = Callable[[int, bytes], None]
@@ -195,18 +195,19 @@ class Recording(Container):
     def _feed_tree(
         self, topic: Topic, sinks: dict[str, list[Sink]], by_recording: bool
     ) -> TransformTree:
-        """Return a tree that is fed with the messages of a TF topic and of its static twin."""
-        tree = TransformTree(f'{self.path}:{topic.name}')
+        """Return a tree that is fed with the messages of a TF topic and of the static ones."""
+        names = [one.name for one in self.topics if one.msgtype in TF_TYPES]
+        static = static_topics(topic.name, names)
+        tree = TransformTree(f'{self.path}:{topic.name}', static)
 
-        def sink(decoder: Decoder, static: bool, log_ns: int, message: bytes) -> None:
+        def sink(decoder: Decoder, static: str, log_ns: int, message: bytes) -> None:
             with reading(decoder.source):
                 recorded_ns = log_ns if by_recording else None
                 tree.add(decoder.deserialize(message), static, recorded_ns)
 
-        for fed in self.topics:
-            if fed.name in (topic.name, f'{topic.name}_static') and fed.msgtype in TF_TYPES:
-                static = fed.name.endswith('_static')
-                sinks[fed.name].append(partial(sink, self.decoder(fed), static))
+        for name in dict.fromkeys([topic.name, *static]):
+            fed = next(one for one in self.topics if one.name == name)
+            sinks[name].append(partial(sink, self.decoder(fed), name if name in static else ''))
         return tree
 
 

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from array import array
 from collections import defaultdict, deque
+from collections.abc import Iterable, Mapping, Sequence
+import difflib
+import itertools
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.interpolation import interpolated
 from vio_eval_ros.core.rotation import conjugate, multiply, normalize, rotate
 from vio_eval_ros.core.trajectory import Poses
@@ -17,6 +21,13 @@ from vio_eval_ros.recordings.messages import from_transform_stamped
 TF_TYPES = ('tf2_msgs/msg/TFMessage', 'tf/msg/tfMessage')
 
 Edge = tuple[str, str]  # parent and child frame
+Link = tuple[Edge, bool]  # an edge of a chain, and whether it is passed forward
+#: what changes by no more, in metres and in numbers of its unit quaternion, is constant
+CONSTANT = 1e-6
+#: of more frames, a message has only the first
+LISTED_FRAMES = 40
+#: how alike two names are that may mean the same frame
+ALIKE = 0.75
 
 
 class Rigid(NamedTuple):
@@ -63,24 +74,29 @@ class Samples:
 
 class TransformTree:
     """
-    The transforms of a TF topic and its static twin.
+    The transforms of a TF topic and of the static topics that go with it.
 
     :param topic: the name of the dynamic topic, for messages to the user.
+    :param static: the names of the static topics, the nearest first. A farther one is asked only
+        where the nearer ones do not connect two frames: of several robots, each has its own.
     """
 
-    def __init__(self, topic: str = '/tf') -> None:
+    def __init__(self, topic: str = '/tf', static: Sequence[str] = ()) -> None:
         self._topic = topic
         self._dynamic: dict[Edge, Samples] = defaultdict(Samples)
-        self._static: dict[Edge, Samples] = defaultdict(Samples)
+        self._static: dict[str, dict[Edge, Samples]] = {
+            name: defaultdict(Samples) for name in static
+        }
         self.warnings: list[str] = []
 
-    def add(self, message: Any, static: bool, recorded_ns: int | None = None) -> None:
+    def add(self, message: Any, static: str = '', recorded_ns: int | None = None) -> None:
         """
         Take the transforms of a TFMessage.
 
+        :param static: the static topic that it came on, if it came on one.
         :param recorded_ns: when it was recorded, where that takes the place of its stamps.
         """
-        edges = self._static if static else self._dynamic
+        edges = self._static[static] if static else self._dynamic
         for transform in message.transforms:
             # tf2 knows no leading slashes, ROS 1 recordings still have them
             parent = transform.header.frame_id.lstrip('/')
@@ -90,84 +106,222 @@ class TransformTree:
         """
         Return the poses of CHILD in PARENT.
 
-        They have the stamps of the moving transform on the way from one frame to the other; of
-        several, of the one with the most samples. The others are then interpolated as tf2 does
-        (linearly, the rotation on the shorter arc), and stamps at which one of them is not known
-        yet or no longer are left out, with a line in ``warnings``.
+        They have the stamps of the transform on the way from one frame to the other that changes
+        most often; a correction, for one, is sent again and again between its changes. The others
+        that change are interpolated as tf2 does (linearly, the rotation on the shorter arc), and
+        stamps at which one of them is not known yet or no longer are left out. One that never
+        changes is static, whatever topic it came on and however often. ``warnings`` has a line
+        for whatever was left out or assumed.
 
         :param frames: 'PARENT.CHILD'; frames may themselves contain dots.
         :raises ReadError: unknown or unconnected frames, or nothing between them that moves.
         """
         source = f'{self._topic}:{frames}'
-        chain = self._chain(source, *self._split(source, frames))
-        moving = [edge for edge, _ in chain if edge in self._dynamic]
-        if not moving:
+        chain, static = self._chain(source, *self._split(source, frames))
+        sent = {edge: self._dynamic[edge].poses() for edge, _ in chain if edge in self._dynamic}
+        if not sent:
             raise ReadError(source, 'every transform between the two is static: nothing moves')
-        leading = max(moving, key=lambda edge: len(self._dynamic[edge]))
-        poses = self._dynamic[leading].poses()
+        changes = {edge: _changes(samples) for edge, samples in sent.items()}
+        leading = max(sent, key=lambda edge: (changes[edge], len(sent[edge])))
+        if not changes[leading]:
+            self.warnings.append(f'{source}: nothing moves: {_name(leading)} never changes')
+        poses = sent.pop(leading)
         if chain == [(leading, True)]:
             return poses
 
-        moving.remove(leading)
-        others = {edge: _in_order(self._dynamic[edge].poses()) for edge in moving}
-        known = np.ones(len(poses), bool)
-        for other in others.values():
-            known &= poses.stamps_ns >= other.stamps_ns[0]
-            known &= poses.stamps_ns <= other.stamps_ns[-1]
-        if not known.any():
-            raise ReadError(
-                source, 'the transforms between the two are never known at the same time'
-            )
-        if not known.all():
-            self.warnings.append(
-                f'{source}: left out {np.count_nonzero(~known)} of {len(known)} poses, at whose '
-                'stamps another transform between the two is not known yet or any more'
-            )
-            poses = poses[known]
-
+        moving = {edge: _in_order(sent[edge]) for edge in sent if changes[edge]}
+        poses = self._while_known(source, poses, moving)
+        for edge, samples in sent.items():
+            if edge not in moving:
+                self._warn_of_constant(source, edge, samples, poses)
+        fixed = static | sent
         joined = Rigid(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
         with np.errstate(invalid='ignore', over='ignore'):  # cleaning counts what is not finite
             for edge, forward in chain:
                 if edge == leading:
                     transform = _rigid(poses)
-                elif edge in others:
-                    transform = _interpolate(others[edge], poses.stamps_ns)
+                elif edge in moving:
+                    transform = _interpolate(moving[edge], poses.stamps_ns)
                 else:
-                    transform = _rigid(self._static[edge].poses()[-1:])
+                    transform = _rigid(fixed[edge][-1:])
                 joined = joined @ (transform if forward else transform.inverse())
         return Poses(poses.stamps_ns, *joined, zero_is_unset=True)
 
+    def _while_known(self, source: str, poses: Poses, moving: Mapping[Edge, Poses]) -> Poses:
+        """Return the poses at whose stamps all other transforms that move are known."""
+        known = np.ones(len(poses), bool)
+        for other in moving.values():
+            known &= poses.stamps_ns >= other.stamps_ns[0]
+            known &= poses.stamps_ns <= other.stamps_ns[-1]
+        if not known.any():
+            spans = ', '.join(f'{_name(edge)} {_span(each)}' for edge, each in moving.items())
+            raise ReadError(
+                source,
+                'the transforms between the two are never known at the same time: '
+                f'{spans}, the other {_span(poses)}',
+            )
+        if known.all():
+            return poses
+        self.warnings.append(
+            f'{source}: left out {np.count_nonzero(~known)} of {len(known)} poses, at whose '
+            'stamps another transform between the two is not known yet or any more '
+            f'({", ".join(map(_name, moving))})'
+        )
+        return poses[known]
+
+    def _warn_of_constant(self, source: str, edge: Edge, samples: Poses, poses: Poses) -> None:
+        """Say of a transform that came as if it moved what was assumed of it."""
+        name = _name(edge)
+        if len(samples) == 1:
+            self.warnings.append(
+                f'{source}: {name} came only once, at {samples.stamps_ns[0] / 1e9:.2f} s; it is '
+                'used as a constant, as if it were static'
+            )
+            return
+        stamps_ns = poses.stamps_ns
+        outside = (stamps_ns < samples.stamps_ns.min()) | (stamps_ns > samples.stamps_ns.max())
+        if outside.any():
+            self.warnings.append(
+                f'{source}: {name} never changes and is used as a constant, also for '
+                f'{np.count_nonzero(outside)} of {len(poses)} poses before it came first or after '
+                'it came last'
+            )
+
     def _split(self, source: str, frames: str) -> Edge:
         """Return the two frames, split at the dot that leaves a known one on either side."""
-        known = {frame for edge in (*self._dynamic, *self._static) for frame in edge}
+        edges = [edge for group in (self._dynamic, *self._static.values()) for edge in group]
+        known = {frame for edge in edges for frame in edge}
         dots = [i for i, letter in enumerate(frames) if letter == '.']
         splits = [(frames[:i].lstrip('/'), frames[i + 1 :].lstrip('/')) for i in dots]
         matching = [split for split in splits if known.issuperset(split)]
-        if len(matching) != 1:
-            listed = ', '.join(sorted(known)) or 'none'
-            raise ReadError(
-                source, f'expected PARENT.CHILD of two known frames; there are: {listed}'
-            )
-        return matching[0]
+        if len(matching) == 1:
+            return matching[0]
+        listed = f'there are: {_listed(known)}'
+        if matching or not splits:
+            raise ReadError(source, f'expected PARENT.CHILD of two known frames; {listed}')
+        # where one side is known, the other is the name that is wrong
+        unknown = min(([f for f in split if f not in known] for split in splits), key=len)
+        near = ''.join(nearest_name(frame, known) for frame in unknown)
+        names = ' and '.join(f"'{frame}'" for frame in unknown)
+        which = f'frame {names}' if len(unknown) == 1 else f'frames {names}'
+        raise ReadError(source, f'there is no {which}; {listed}{self._without_static()}{near}')
 
-    def _chain(self, source: str, parent: str, child: str) -> list[tuple[Edge, bool]]:
-        """Return the edges from one frame to the other, and whether each is passed forward."""
-        neighbours = defaultdict(list)
-        for edge in (*self._dynamic, *self._static):
-            neighbours[edge[0]].append((edge[1], edge, True))
-            neighbours[edge[1]].append((edge[0], edge, False))
-        chains: dict[str, list[tuple[Edge, bool]]] = {parent: []}
-        queue = deque([parent])
-        while queue and child not in chains:  # breadth first: the fewest edges
-            frame = queue.popleft()
-            for neighbour, edge, forward in neighbours[frame]:
-                if neighbour not in chains:
-                    chains[neighbour] = [*chains[frame], (edge, forward)]
-                    queue.append(neighbour)
-        if child not in chains:
-            reached = ', '.join(sorted(chains))
-            raise ReadError(source, f'no transforms connect the two; {parent} reaches {reached}')
-        return chains[child]
+    def _chain(self, source: str, parent: str, child: str) -> tuple[list[Link], dict[Edge, Poses]]:
+        """Return the links from one frame to the other, and the static ones among them."""
+        static: dict[Edge, Samples] = {}
+        reached: list[str] = []
+        for name in self._static or ('',):
+            static = {**self._static.get(name, {}), **static}
+            chains = _chains([*self._dynamic, *static], parent)
+            if child in chains:
+                chain = chains[child]
+                if not f'{self._topic}_static'.endswith(name):  # of another name or namespace
+                    self.warnings.append(f'{source}: the static transforms are those of {name}')
+                fixed = {edge: static[edge].poses() for edge, _ in chain if edge in static}
+                self.warnings += [
+                    f'{source}: the static {_name(edge)} came with different values; the last is '
+                    'used'
+                    for edge, samples in fixed.items()
+                    if _changes(samples)
+                ]
+                return chain, fixed
+            reached = list(chains)
+        others = list(_chains([*self._dynamic, *static], child))
+        raise ReadError(
+            source,
+            f'no transforms connect the two: {parent} is connected with {_rest(parent, reached)} '
+            f'and {child} with {_rest(child, others)}, but the one between these is missing'
+            f'{self._without_static()}{_alike(reached, others)}',
+        )
+
+    def _without_static(self) -> str:
+        return '' if self._static else '; no static transforms were recorded'
+
+
+def static_topics(topic: str, names: Iterable[str]) -> list[str]:
+    """
+    Return the names of those TF topics that are static, those that go best with one first.
+
+    That is the one in the same namespace, then in the namespaces around it, then any other; one
+    that was remapped still says in its name that it is static.
+    """
+    namespace, _, _ = topic.rpartition('/')
+
+    def distance(name: str) -> tuple[bool, int, bool, str]:
+        around, _, _ = name.rpartition('/')
+        is_around = f'{namespace}/'.startswith(f'{around}/')
+        return not is_around, -len(around), name != f'{topic}_static', name
+
+    return sorted((n for n in names if 'static' in n.rpartition('/')[2].lower()), key=distance)
+
+
+def _chains(edges: Iterable[Edge], frame: str) -> dict[str, list[Link]]:
+    """Return the chain of fewest links from a frame to each that it is connected with."""
+    neighbours = defaultdict(list)
+    for edge in edges:
+        neighbours[edge[0]].append((edge[1], edge, True))
+        neighbours[edge[1]].append((edge[0], edge, False))
+    chains: dict[str, list[Link]] = {frame: []}
+    queue = deque([frame])
+    while queue:
+        frame = queue.popleft()
+        for neighbour, edge, forward in neighbours[frame]:
+            if neighbour not in chains:
+                chains[neighbour] = [*chains[frame], (edge, forward)]
+                queue.append(neighbour)
+    return chains
+
+
+def _changes(poses: Poses) -> int:
+    """Return how many of the samples differ from the one before, beyond rounding."""
+    samples = _rigid(poses)
+    columns = np.hstack([samples.translations, samples.rotations])
+    finite = columns[np.isfinite(columns).all(axis=1)]
+    if not len(finite):
+        return len(poses)
+    changed = int(np.count_nonzero(_differ(finite[1:], finite[:-1])))
+    return changed or int(_differ(finite, finite[:1]).any())  # as slowly as that
+
+
+def _differ(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return (N,) whether (N, 7) translations and unit quaternions, of either sign, differ."""
+    moved = np.abs(one[:, :3] - other[:, :3]).max(axis=1)
+    turned = np.abs(one[:, 3:] - other[:, 3:]).max(axis=1)
+    turned_back = np.abs(one[:, 3:] + other[:, 3:]).max(axis=1)
+    return np.asarray(np.maximum(moved, np.minimum(turned, turned_back)) > CONSTANT)
+
+
+def _name(edge: Edge) -> str:
+    return '.'.join(edge)
+
+
+def _span(poses: Poses) -> str:
+    return f'{poses.stamps_ns.min() / 1e9:.2f} to {poses.stamps_ns.max() / 1e9:.2f} s'
+
+
+def _listed(frames: Iterable[str]) -> str:
+    names = sorted(frames)
+    more = f' and {len(names) - LISTED_FRAMES} more' if len(names) > LISTED_FRAMES else ''
+    return (', '.join(names[:LISTED_FRAMES]) or 'none') + more
+
+
+def _rest(frame: str, frames: Iterable[str]) -> str:
+    """Return what a frame is connected with, in words."""
+    others = set(frames) - {frame}
+    return _listed(others) if others else 'nothing'
+
+
+def _alike(frames: Sequence[str], others: Sequence[str]) -> str:
+    """Return which two frames may be one that is spelled in two ways; nothing where none are."""
+    pairs = itertools.product(frames[:LISTED_FRAMES], others[:LISTED_FRAMES])
+    one, other = max(pairs, key=_likeness)
+    return f"; are '{one}' and '{other}' the same?" if _likeness((one, other)) > ALIKE else ''
+
+
+def _likeness(frames: Edge) -> float:
+    """Return how alike two frames are, from 0 to 1; what comes before a slash does not count."""
+    one, other = (frame.rpartition('/')[2] for frame in frames)
+    return difflib.SequenceMatcher(None, one, other).ratio()
 
 
 def _in_order(poses: Poses) -> Poses:
