@@ -440,7 +440,7 @@ def test_a_chain_through_a_real_tree_agrees_with_its_odometry(shared_data):
     path = shared_data / 'bags/evo/nav2_turtlebot.mcap'
     with Recording(path) as opened:
         read = opened.read(['/odom', '/tf:odom.base_link', '/tf:map.base_footprint'])
-        odometry, transform, mapped = (poses for poses, _ in read)
+        odometry, transform, mapped = (one.poses for one in read)
         warnings = opened.warnings
     assert transform.stamps_ns.tolist() == odometry.stamps_ns.tolist()
     # the localisation begins a little later than the odometry
