@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.foreign import refuse_foreign
+from vio_eval_ros.recordings.preambles import Export, export_of, rows_of
 
 HEAD_BYTES = 1 << 12
 HEAD_LINES = 100
@@ -35,13 +36,12 @@ class Content(NamedTuple):
     The plain text of a file.
 
     :param data: header and rows, in ASCII or UTF-8, lines that end in a line feed.
-    :param names: of the columns, where another place than the header tells them; units are
-        in brackets behind the name, such as ``x [mm]``.
+    :param export: what the preamble of a motion capture system says of it.
     :param notes: what was taken for granted or left out, in sentences.
     """
 
     data: bytes
-    names: tuple[str, ...] | None = None
+    export: Export | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -63,7 +63,10 @@ def content_of(path: Path, data: bytes) -> Content:
     if b'"' in data:
         data = _QUOTED.sub(_cell, data)
     data = _without_cut_line(path, data, notes)
-    return Content(data, notes=tuple(notes))
+    export = export_of(path, data)
+    if export is not None:
+        data = rows_of(data, export)
+    return Content(data, export, tuple(notes))
 
 
 def _decoded(path: Path, data: bytes) -> bytes:

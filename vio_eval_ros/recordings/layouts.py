@@ -16,7 +16,8 @@ import numpy as np
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.trajectory import Poses
-from vio_eval_ros.errors import ReadError
+from vio_eval_ros.errors import ConfigError, ReadError
+from vio_eval_ros.recordings.motion_capture import poses_of_export
 from vio_eval_ros.recordings.text import read_text, TextFile
 
 QUATERNION_COLUMNS = {'xyzw': [4, 5, 6, 7], 'wxyz': [5, 6, 7, 4]}
@@ -45,6 +46,10 @@ def poses_of(
     :param notes: takes a sentence for whatever was taken for granted.
     :raises ReadError: no layout that is known.
     """
+    if 'body' in statements and file.export is None:
+        raise ConfigError(
+            f'{file.path}: body chooses one in an export of motion capture, which this is not'
+        )
     for kind, reader in READERS.items():
         if reader.recognises(file, times):
             return kind, reader.read(file, times, statements, notes)
@@ -172,7 +177,22 @@ class Reader(NamedTuple):
     read: Callable[[TextFile, Path | None, dict[str, str], list[str]], list[Reading]]
 
 
+def _is_export(file: TextFile, times: Path | None) -> bool:
+    """Return whether a motion capture system exported the file."""
+    return file.export is not None
+
+
+def _export(
+    file: TextFile, times: Path | None, statements: dict[str, str], notes: list[str]
+) -> list[Reading]:
+    """Return the poses of one body of an export."""
+    assert file.export is not None
+    poses = poses_of_export(file.path, file.export, file.rows.values, statements, notes)
+    return [Reading('', poses)]
+
+
 READERS = {
+    'motion capture': Reader(_is_export, _export),
     'kitti': Reader(_are_matrices, _matrices),
     'euroc': Reader(_are_euroc, _euroc),
     'tum': Reader(_are_tum, _tum),

@@ -54,6 +54,7 @@ STATEMENTS = {
     'file': {
         'quaternion': Statement.one_of('xyzw', 'wxyz'),
         'stamps': Statement.one_of(*STAMP_UNITS),
+        'body': Statement('the name of a rigid body', r'[^?&]+'),
         **OF_EITHER,
     },
     'topic': {

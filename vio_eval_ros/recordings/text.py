@@ -16,6 +16,7 @@ import numpy as np
 
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.content import content_of
+from vio_eval_ros.recordings.preambles import Export
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.rows import BadRow, parse, Rows
 
@@ -29,7 +30,7 @@ class TextFile:
 
     :param header: the comments and names of columns at its top.
     :param has_commas: whether commas separate its columns.
-    :param names: of its columns, units in brackets behind them; None where nothing tells them.
+    :param export: what the preamble of a motion capture system says of its columns.
     :param notes: what was taken for granted, in sentences.
     """
 
@@ -37,7 +38,7 @@ class TextFile:
     rows: Rows
     header: bytes
     has_commas: bool
-    names: tuple[str, ...] | None = None
+    export: Export | None = None
     notes: tuple[str, ...] = ()
 
 
@@ -51,11 +52,11 @@ def read_text(path: Path, progress: Progress = silent) -> TextFile:
         raise ReadError(path, str(error)) from None
     if not data or data.isspace():
         raise ReadError(path, 'the file is empty')
-    data, names, notes = content_of(path, data)
+    data, export, notes = content_of(path, data)
     header, start = split_header(data)
     rows = _rows(path, data, start, progress)
     has_commas = b',' in data[start : start + BLOCK_BYTES]
-    return TextFile(path, rows, header, has_commas, names, notes)
+    return TextFile(path, rows, header, has_commas, export, notes)
 
 
 def split_header(data: bytes) -> tuple[bytes, int]:
