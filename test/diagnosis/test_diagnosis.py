@@ -821,3 +821,22 @@ def test_no_pair_of_motions_breaks_it(seed):
         found = diagnose(*sides, CONFIG)
     assert set(names(found)) <= set(CAUSES)
     json.dumps(found.to_dict(), allow_nan=False)
+
+
+def test_an_estimate_that_begins_late_took_its_time_to_initialise():
+    found = diagnosis_of(ESTIMATE[500:])  # 25 of 60 s
+    assert names(found) == []
+    assert found.findings['initialised']['after_s'] == pytest.approx(25.0, abs=0.1)
+    assert 'initialised after 25.0 s' in found.warnings[0]
+    assert not [warning for warning in HEALTHY.warnings if 'initialised' in warning]
+
+
+def test_recordings_that_were_stopped_one_after_the_other_have_lost_nothing():
+    assert names(diagnosis_of(ESTIMATE[:1130])) == []  # 3.5 s
+    assert names(diagnosis_of(ESTIMATE[:1080])) == ['lost_tracking']  # 6 s
+
+
+def test_keyframes_of_which_the_last_are_missing_are_no_lost_tracking():
+    rng = np.random.default_rng(0)
+    keyframes = np.unique(np.cumsum(rng.choice([2, 3, 5, 9, 14], 500)))
+    assert names(diagnosis_of(ESTIMATE[keyframes[keyframes < 1000]])) == []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -11,6 +11,11 @@ import numpy as np
 OVERLAP_SHARE = 0.3
 #: another peak rises by this share of the height of the best, out of the valley between
 RISE_SHARE = 0.1
+#: unexplained share of the variance under another lag that may be the right one: at most this many
+#: times that under the best ...
+RIVAL_RATIO = 2.0
+#: ... plus this
+RIVAL_RESIDUAL = 0.1
 
 
 @dataclass(frozen=True)
@@ -22,11 +27,21 @@ class Peak:
     :param height: correlation coefficient there, -1 to 1.
     :param rival: the height of the highest other peak, beyond a valley, or of either end of the
         lags, so that a correlation that never falls has a rival too; NaN where there is none.
+    :param others_s: lags of other peaks that are hardly lower, as those of motion in laps are.
     """
 
     lag_s: float
     height: float
     rival: float
+    others_s: tuple[float, ...] = ()
+
+    def later(self, seconds: float) -> Peak:
+        """Return the peak where the first signal's clock begins so much later."""
+        return replace(
+            self,
+            lag_s=self.lag_s + seconds,
+            others_s=tuple(lag_s + seconds for lag_s in self.others_s),
+        )
 
 
 def correlate(
@@ -88,7 +103,18 @@ def correlate(
         (best - len(second) + _vertex(*height[best - 1 : best + 2])) * step_s,
         float(height[best]),
         rival if math.isfinite(rival) else math.nan,
+        tuple((np.array(_others(height, best)) - len(second)) * step_s),
     )
+
+
+def _others(height: np.ndarray, best: int) -> list[int]:
+    """Return the highest of each stretch of heights that nearly reach the best elsewhere."""
+    limit = 1 - RIVAL_RATIO * (1 - height[best] ** 2) - RIVAL_RESIDUAL
+    high = height > math.sqrt(max(limit, 0.0))
+    edges = np.flatnonzero(np.diff(high, prepend=False, append=False))
+    stretches = [slice(begin, end) for begin, end in edges.reshape(-1, 2).tolist()]
+    highest = [one.start + int(np.argmax(height[one])) for one in stretches]
+    return [k for k in highest if k != best]
 
 
 def _rival(height: np.ndarray) -> float:

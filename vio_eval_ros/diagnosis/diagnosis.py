@@ -33,6 +33,7 @@ from vio_eval_ros.diagnosis.causes.scale import SCALE
 from vio_eval_ros.diagnosis.conventions import FoundConvention
 from vio_eval_ros.diagnosis.correction import Correction
 from vio_eval_ros.diagnosis.diagnosed_run import ATE, DiagnosedRun, FEWEST_POSES
+from vio_eval_ros.diagnosis.first_fit import first_fit, FirstFit
 from vio_eval_ros.diagnosis.inputs import frozen, likely_swapped, stands_still, stays
 from vio_eval_ros.diagnosis.limits import DEFAULT, DiagnosisLimits
 from vio_eval_ros.diagnosis.measurement import Measurement
@@ -74,7 +75,10 @@ def diagnose_run(run: DiagnosedRun, limits: DiagnosisLimits = DEFAULT) -> Diagno
     still = frozen(run.truth, run.estimate, limits)
     if still.any():
         return _where_truth_moves(run, ~still, limits)
-    measured = measure(run, limits)
+    fit = first_fit(run)
+    if fit.others_s:
+        return _undecided(run, fit, limits)
+    measured = measure(run, fit, limits)
     if measured.convention.of_truth:
         return _with_corrected_truth(run, measured.convention, limits)
     return _of_measured(run, measured, limits)
@@ -140,10 +144,30 @@ def _without_motion(run: DiagnosedRun, known: KnownCause, limits: DiagnosisLimit
         _without_measurement(known, run, limits, findings=findings), ate_after_m=math.nan
     )
     resting = (TRUTH_STATIC.name, INSUFFICIENT_MOTION.name)
-    errors = run.errors(Correction(run.middle_ns))
-    return Diagnosis(
+    return replace(
+        _as_it_is(run, limits),
         causes=(cause,),
         cannot_tell=tuple(name for name in CAUSES if name not in resting),
+    )
+
+
+def _undecided(run: DiagnosedRun, fit: FirstFit, limits: DiagnosisLimits) -> Diagnosis:
+    """Return that the motion repeats itself, so that several lags explain it equally well."""
+    lags_s = sorted([float(fit.lag.offset_s), *fit.others_s], key=abs)
+    inputs = (TRUTH_STATIC.name, INSUFFICIENT_MOTION.name, SWAPPED_INPUTS.name)
+    return replace(
+        _as_it_is(run, limits),
+        cannot_tell=tuple(name for name in CAUSES if name not in inputs),
+        findings={'equally_likely_offsets_s': lags_s},
+    )
+
+
+def _as_it_is(run: DiagnosedRun, limits: DiagnosisLimits) -> Diagnosis:
+    """Return the diagnosis of a run of which nothing could be measured."""
+    errors = run.errors(Correction(run.middle_ns))
+    return Diagnosis(
+        causes=(),
+        cannot_tell=(),
         findings={},
         corrected=run.estimate,
         begin_ns=int(run.estimate.stamps_ns[0]),

@@ -22,6 +22,8 @@ GAP_RATIO = 5.0
 GAP_PATH_RATIO = 3.0
 #: ... and in metres
 GAP_PATH_M = 0.5
+#: recordings of two sides are stopped at most so far apart
+STOPPED_APART_S = 5.0
 #: smallest share of usual intervals in a stream that has a rate
 USUAL_SHARE = 0.45
 #: fewest long intervals by which single poses are missing
@@ -88,9 +90,9 @@ def find_gaps(
     Return the intervals in which tracking was lost.
 
     Keyframes come when the camera has moved on: of an irregular stream an interval counts where
-    it is much longer than nearly all others and the truth moved much further in it; at the end of
-    the run it also has to be a larger share of it. An estimate that begins late has taken its
-    time to initialise: that counts from a share of the run on.
+    it is much longer than nearly all others and the truth moved much further in it. At the end of
+    the run an interval also has to be more than stopping two recordings one after the other
+    leaves. An estimate that begins late has taken its time to initialise, and has lost nothing.
     """
     stamps_ns, known_ns = estimate.stamps_ns, truth.stamps_ns
     intervals = np.diff(stamps_ns)
@@ -105,11 +107,10 @@ def find_gaps(
     lost = (intervals > limit_ns) & (regular | (np.diff(at) > limit_m))
     gaps = [Gap(int(stamps_ns[k]), int(stamps_ns[k + 1])) for k in np.flatnonzero(lost)]
     duration_ns = int(known_ns[-1] - known_ns[0])
-    end_ns = limit_ns if regular else max(limit_ns, limits.early_end_percent / 100 * duration_ns)
+    end_ns = limits.early_end_percent / 100 * duration_ns
+    end_ns = max(limit_ns, min(end_ns, STOPPED_APART_S * 1e9) if regular else end_ns)
     if known_ns[-1] - stamps_ns[-1] > end_ns and path[-1] - at[-1] > limit_m:
         gaps.append(Gap(int(stamps_ns[-1]), int(known_ns[-1])))
-    if stamps_ns[0] - known_ns[0] > limits.late_start_percent / 100 * duration_ns:
-        gaps.insert(0, Gap(int(known_ns[0]), int(stamps_ns[0])))
     return _where_there_is_truth(gaps, int(known_ns[0]), int(known_ns[-1]))
 
 

@@ -29,7 +29,7 @@ GRID_S = 0.01
 #: window over which each speed is taken
 WINDOW_S = 0.1
 #: most samples of that grid: a stamp of zero among those of today must not take all memory
-MOST_GRID_SAMPLES = 1 << 21
+MOST_GRID_SAMPLES = 1 << 20
 #: half of the interval over which the truth is differentiated; over a shorter one noise would pass
 #: for motion
 PROBE_S = 0.05
@@ -68,7 +68,7 @@ def speed_peak(estimate: Trajectory, truth: Trajectory, max_gap_s: float) -> Pea
     first, second = (_speeds(side, step_s, by_rotations, max_gap_s) for side in sides)
     peak = correlate(first, second, step_s)
     apart_s = int(estimate.stamps_ns[0] - truth.stamps_ns[0]) / 1e9
-    return Peak(peak.lag_s + apart_s, peak.height, peak.rival)
+    return peak.later(apart_s)
 
 
 def _speeds(side: Trajectory, step_s: float, by_rotations: bool, max_gap_s: float) -> np.ndarray:

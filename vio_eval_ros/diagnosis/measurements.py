@@ -7,18 +7,12 @@ from typing import Any
 
 from vio_eval_ros.diagnosis.causes import FAMILIES
 from vio_eval_ros.diagnosis.causes.measuring import Measuring
-from vio_eval_ros.diagnosis.conventions import find_convention, FoundConvention
+from vio_eval_ros.diagnosis.conventions import FoundConvention
 from vio_eval_ros.diagnosis.correction import Correction
-from vio_eval_ros.diagnosis.correlation import Peak
 from vio_eval_ros.diagnosis.diagnosed_run import DiagnosedRun
-from vio_eval_ros.diagnosis.lag import fit_lag, Lag, speed_peak
+from vio_eval_ros.diagnosis.first_fit import FirstFit
 from vio_eval_ros.diagnosis.limits import DiagnosisLimits
 from vio_eval_ros.diagnosis.measurement import Measurement
-
-#: a lower peak of the correlation is not trusted
-TRUSTED_PEAK = 0.6
-#: starts closer than this lead to the same lag
-SAME_LAG_S = 0.05
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,13 +32,14 @@ class Measured:
     convention: FoundConvention
 
 
-def measure(run: DiagnosedRun, limits: DiagnosisLimits) -> Measured:
+def measure(run: DiagnosedRun, fit: FirstFit, limits: DiagnosisLimits) -> Measured:
     """
     Return all measurements of a run, each with what was found before undone.
 
+    :param fit: the lag and the convention that were found first.
     :raises NoPairs: the two sides have no time in common.
     """
-    measuring = Measuring(run, limits, *_first_fit(run))
+    measuring = Measuring(run, limits, fit)
     for measure_family in FAMILIES:
         measure_family(measuring)
     return Measured(
@@ -53,19 +48,3 @@ def measure(run: DiagnosedRun, limits: DiagnosisLimits) -> Measured:
         findings=measuring.findings,
         convention=measuring.convention,
     )
-
-
-def _first_fit(run: DiagnosedRun) -> tuple[Peak, FoundConvention, Lag]:
-    """Return where the angular speeds agree, and the convention and the lag that fit together."""
-    peak = speed_peak(run.estimate, run.truth, run.gap_s)
-    starts = [0.0]
-    if peak.height > TRUSTED_PEAK:
-        starts = [peak.lag_s] if abs(peak.lag_s) < SAME_LAG_S else [peak.lag_s, 0.0]
-    tried = []
-    for start_s in starts:
-        found = find_convention(run.estimate, run.true_poses, start_s)
-        meant = found.convention.undo(run.estimate)
-        lag = fit_lag(meant, run.true_poses, start_s, by_rotations=run.oriented)
-        tried.append((found, lag))
-    found, lag = min(tried, key=lambda one: one[1].residual)
-    return peak, found, lag

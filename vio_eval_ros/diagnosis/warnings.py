@@ -19,6 +19,8 @@ def warnings_of(
     """Return what the findings and a gyroscope warn of, as sentences."""
     return [
         *_left_out(findings),
+        *_repetition(findings),
+        *_initialisation(findings, limits),
         *_contradictions(findings),
         *_interpolation(findings),
         *([] if gyroscope is None else _disagreements(gyroscope, limits)),
@@ -43,6 +45,30 @@ def _left_out(findings: Mapping[str, Any]) -> list[str]:
             'filled in: they were left out, and what only orientations show cannot be determined.'
         )
     return warnings
+
+
+def _repetition(findings: Mapping[str, Any]) -> list[str]:
+    """Return that several offsets explain the motion equally well, where they do."""
+    offsets_s = findings.get('equally_likely_offsets_s')
+    if offsets_s is None:
+        return []
+    said = ', '.join(f'{offset_s:.3f}' for offset_s in offsets_s)
+    return [
+        f'the motion repeats itself: the estimate may be late by {said} s equally well, and '
+        'nothing else can be told before that is known. State it with --time-offset-s, which is '
+        f'added to its stamps ({-offsets_s[0]:.3f} for the first).'
+    ]
+
+
+def _initialisation(findings: Mapping[str, Any], limits: DiagnosisLimits) -> list[str]:
+    """Return after how long the estimate begins, where that is long."""
+    initialised = findings.get('initialised', {'percent': 0.0})
+    if not initialised['percent'] > limits.late_start_percent:
+        return []
+    return [
+        f'the estimate initialised after {initialised["after_s"]:.1f} s, '
+        f'{initialised["percent"]:.0f} % of the ground truth: it says nothing of that time.'
+    ]
 
 
 def _contradictions(findings: Mapping[str, Any]) -> list[str]:

@@ -7,13 +7,11 @@ from typing import Any
 
 from vio_eval_ros.core.trajectory import Pairs
 from vio_eval_ros.diagnosis.causes.cause import KnownCause
-from vio_eval_ros.diagnosis.conventions import FoundConvention
 from vio_eval_ros.diagnosis.correction import Correction
-from vio_eval_ros.diagnosis.correlation import Peak
 from vio_eval_ros.diagnosis.diagnosed_run import DiagnosedRun
+from vio_eval_ros.diagnosis.first_fit import FirstFit
 from vio_eval_ros.diagnosis.geometry import Body
 from vio_eval_ros.diagnosis.inputs import interpolated_over_s
-from vio_eval_ros.diagnosis.lag import Lag
 from vio_eval_ros.diagnosis.limits import DiagnosisLimits
 from vio_eval_ros.diagnosis.measurement import Measurement
 
@@ -26,21 +24,18 @@ class Measuring:
 
     :param run: that is measured.
     :param limits: of what is healthy.
-    :param peak: of the correlation of angular speeds.
-    :param convention: that the poses were written in.
-    :param lag: under that convention.
+    :param fit: the peak of the correlation of angular speeds, the convention that the poses were
+        written in, and the lag under it.
     """
 
     def __init__(
         self,
         run: DiagnosedRun,
         limits: DiagnosisLimits,
-        peak: Peak,
-        convention: FoundConvention,
-        lag: Lag,
+        fit: FirstFit,
     ) -> None:
         self.run, self.limits = run, limits
-        self.peak, self.convention, self.lag = peak, convention, lag
+        self.peak, self.convention, self.lag = fit.peak, fit.convention, fit.lag
         #: what the frames tell, once they have been measured
         self.body = Body.unknown()
         self.correction = Correction(run.middle_ns)

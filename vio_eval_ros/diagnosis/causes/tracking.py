@@ -47,6 +47,8 @@ def measure(run: Measuring) -> None:
     lost = (sum(gap.seconds for gap in gaps) + missing) / duration_s
     run.findings['missing_between_poses_s'] = missing
     run.note(LOST_TRACKING, run.counted(LOST_TRACKING, lost))
+    late_s = int(punctual.stamps_ns[0] - case.truth.stamps_ns[0]) / 1e9
+    run.findings['initialised'] = {'after_s': late_s, 'percent': 100 * late_s / duration_s}
     run.findings['gaps'] = [
         {'begin_ns': gap.begin_ns, 'end_ns': gap.end_ns, 'seconds': gap.seconds} for gap in gaps
     ]
