@@ -54,3 +54,9 @@ def test_without_orientations_only_positions_are_interpolated():
     found = interpolated(line, np.array([-5, 0, 1, 15]))
     assert found.positions.tolist() == [[0, 0, 0], [0, 0, 0], [1, 2, 3], [10, 20, 30]]
     assert found.rotations is None
+
+
+def test_samples_that_are_very_far_apart_take_no_more_memory():
+    sampled = fly(np.arange(0, 100) * 3_600_000_000_000)
+    found = Interpolator(sampled, 1e5).at(sampled.stamps_ns)
+    np.testing.assert_allclose(found.positions, sampled.positions, atol=1e-12)

@@ -840,3 +840,19 @@ def test_keyframes_of_which_the_last_are_missing_are_no_lost_tracking():
     rng = np.random.default_rng(0)
     keyframes = np.unique(np.cumsum(rng.choice([2, 3, 5, 9, 14], 500)))
     assert names(diagnosis_of(ESTIMATE[keyframes[keyframes < 1000]])) == []
+
+
+@pytest.mark.parametrize('largest', [1e6, 1e27, 1e90])
+@pytest.mark.parametrize('first', [100, 600, 1150])
+@pytest.mark.parametrize('growing', [True, False])
+def test_an_estimate_that_blows_up_has_diverged_and_the_rest_is_diagnosed(largest, first, growing):
+    positions, count = ESTIMATE.positions.copy(), len(ESTIMATE) - first
+    by = np.geomspace(1, largest, count) - 1 if growing else np.full(count, largest)
+    positions[first:] = positions[first] + by[:, None] * [1.0, 0.0, 0.0]
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        found = diagnosis_of(late(0.1, replace(ESTIMATE, positions=positions)))
+    assert names(found)[0] == 'diverged'
+    assert set(names(found)) <= {'diverged', 'time_offset'}
+    assert found.causes[0].value == pytest.approx(count / len(ESTIMATE), rel=0.2)
+    json.dumps(found.to_dict(errors=True), allow_nan=False)

@@ -10,6 +10,9 @@ from vio_eval_ros.core.trajectory import Poses, Trajectory
 
 #: samples further apart are first made denser by cubic curves
 DENSE_S = 0.011
+#: most samples that they are made: where so many are not enough, as of stamps in a wrong unit,
+#: they stay sparser
+MOST_SAMPLES = 1 << 20
 
 
 def between(begin: Poses, end: Poses, stamps_ns: np.ndarray, weighted: bool = False) -> Trajectory:
@@ -64,7 +67,8 @@ class Interpolator:
         self._gap_ns = nanoseconds(max_gap_s)
         #: between the samples there were
         self.interval_s = float(np.median(intervals)) / 1e9
-        self._pieces = pieces = max(int(np.ceil(self.interval_s / DENSE_S)), 1)
+        most = MOST_SAMPLES // len(trajectory)
+        self._pieces = pieces = max(int(min(np.ceil(self.interval_s / DENSE_S), most)), 1)
         self._poses = trajectory if pieces < 2 else _refined(trajectory, pieces)
         #: whether the interval after each sample is too long to be interpolated over
         self._broken = np.repeat(intervals > self._gap_ns, pieces)

@@ -33,6 +33,7 @@ from vio_eval_ros.diagnosis.causes.scale import SCALE
 from vio_eval_ros.diagnosis.conventions import FoundConvention
 from vio_eval_ros.diagnosis.correction import Correction
 from vio_eval_ros.diagnosis.diagnosed_run import ATE, DiagnosedRun, FEWEST_POSES
+from vio_eval_ros.diagnosis.divergence import blown_up_from
 from vio_eval_ros.diagnosis.first_fit import first_fit, FirstFit
 from vio_eval_ros.diagnosis.inputs import frozen, likely_swapped, stands_still, stays
 from vio_eval_ros.diagnosis.limits import DEFAULT, DiagnosisLimits
@@ -69,6 +70,9 @@ def diagnose_run(run: DiagnosedRun, limits: DiagnosisLimits = DEFAULT) -> Diagno
     resting = _resting(run, limits)
     if resting is not None:
         return _without_motion(run, resting, limits)
+    first = blown_up_from(run.estimate.positions, run.truth.positions)
+    if first is not None:
+        return _before_it_blew_up(run, first, limits)
     lost = frozen(run.estimate, run.truth, limits)
     if lost.any():  # what it repeats is not an estimate
         return diagnose_run(run.of(run.estimate[~lost], run.truth), limits)
@@ -182,22 +186,39 @@ def _without_measurement(
     run: DiagnosedRun,
     limits: DiagnosisLimits,
     confidence: float = 1.0,
+    value: float = math.nan,
     findings: Mapping[str, Any] | None = None,
 ) -> Cause:
-    """Return a cause that has no size."""
+    """Return a cause that is counted, if it has a size."""
     nothing = Correction(run.middle_ns)
     ate_m = run.ate_m(nothing)
     return Cause(
         name=known.name,
         confidence=confidence,
-        value=math.nan,
-        unit='',
+        value=value,
+        unit='' if math.isnan(value) else known.unit,
         uncertainty=math.nan,
         ate_before_m=ate_m,
         ate_after_m=ate_m,
-        evidence=known.evidence(known.counted(math.nan, limits), findings or {}),
+        evidence=known.evidence(known.counted(value, limits), findings or {}),
         advice=known.advised(nothing, 'estimate', limits),
     )
+
+
+def _before_it_blew_up(run: DiagnosedRun, first: int, limits: DiagnosisLimits) -> Diagnosis:
+    """Return the diagnosis of the poses before a row, with the divergence of the others."""
+    share = DIVERGED.counted(1 - first / len(run.estimate), limits)
+    kept = run.truth[run.truth.stamps_ns <= run.estimate.stamps_ns[first]]
+    if min(first, len(kept)) < FEWEST_POSES:
+        return replace(
+            _as_it_is(run, limits),
+            causes=(_without_measurement(DIVERGED, run, limits, value=share.value),),
+        )
+    rest = run.of(run.estimate[:first], kept)
+    diagnosis = _after(DIVERGED, share, run=run, rest=rest, limits=limits)
+    blown_up, *others = diagnosis.causes
+    others = [cause for cause in others if cause.name != DIVERGED.name]
+    return replace(diagnosis, causes=(blown_up, *others))
 
 
 # -- faults of the truth: it is diagnosed again without them -------------------------------------
@@ -277,9 +298,7 @@ def _is_unexplained(run: DiagnosedRun, scale: float) -> bool:
 def _unexplained(run: DiagnosedRun, limits: DiagnosisLimits) -> Cause:
     """Return that the estimate is of another path."""
     return replace(
-        _without_measurement(DIVERGED, run, limits, confidence=UNEXPLAINED_CONFIDENCE),
-        value=1.0,
-        unit=DIVERGED.unit,
+        _without_measurement(DIVERGED, run, limits, UNEXPLAINED_CONFIDENCE, 1.0),
         evidence='nothing that could be undone makes its path like that of the ground truth, and '
         'its error is nearly as large as the extent of that path',
     )

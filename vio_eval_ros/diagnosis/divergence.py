@@ -11,6 +11,28 @@ from vio_eval_ros.diagnosis.windows import NEIGHBOURS
 LAST_SHARES = (0.05, 0.1, 0.15, 0.2, 0.3, 0.4)
 #: how many times as large as elsewhere the drift over such a share is
 DRIFT_RATIO = 5.0
+#: an estimate that is so many times as far away as the truth is large has blown up
+BLOWN_UP_RATIO = 1e5
+#: ... and has left where it is so many times as far away
+AWAY_RATIO = 3.0
+
+
+def blown_up_from(estimate: np.ndarray, truth: np.ndarray) -> int | None:
+    """
+    Return from which pose on an estimate that ends out of all proportion stays away.
+
+    Beside such poses nothing else can be measured. An estimate in a wrong unit is too large from
+    the beginning, but not by so much.
+
+    :param estimate: (N, 3) positions.
+    :param truth: (M, 3) positions.
+    """
+    begin = np.median(estimate[:NEIGHBOURS], axis=0)
+    extent = max(float(lengths(truth - truth.mean(axis=0)).max()), 1.0)
+    away = lengths(estimate - begin)
+    if not away[-NEIGHBOURS:].min() > BLOWN_UP_RATIO * extent:
+        return None
+    return int(np.flatnonzero(away < AWAY_RATIO * extent)[-1]) + 1
 
 
 def diverged_from(errors: np.ndarray, truth: np.ndarray, least_m: float) -> int | None:

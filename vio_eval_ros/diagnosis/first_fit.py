@@ -24,7 +24,7 @@ TRUSTED_PEAK = 0.6
 SAME_LAG_S = 0.05
 #: most other peaks that are tried, those nearest to zero
 MOST_OTHERS = 4
-#: residual of a fit that explains the motion as well as the best: at most so many times its own ...
+#: residual of a fit that explains the motion as well as the best: at most so many times its ...
 EQUAL_RATIO = 1.25
 #: ... or larger by this
 EQUAL_RESIDUAL = 0.01
