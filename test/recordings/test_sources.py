@@ -60,7 +60,7 @@ def test_an_absolute_path_is_no_topic(tum):
 
 
 def test_what_cannot_be_stated_is_refused_with_what_can():
-    with pytest.raises(ConfigError, match='quaternion, stamps, unit, invert'):
+    with pytest.raises(ConfigError, match='quaternion, stamps, body, unit, invert'):
         Spec.parse('est.txt?quaternio=wxyz')
     with pytest.raises(ConfigError, match=r"quaternion must be xyzw or wxyz, not 'wxzy'"):
         Spec.parse('est.txt?quaternion=wxzy')
@@ -249,10 +249,13 @@ def test_every_kind_of_file_gives_as_many_poses_as_rows(kind, tmp_path, sequence
     matrices.write_text('1 0 0 5 0 1 0 6 0 0 1 7\n' * 2)
     times = tmp_path / 'times.txt'
     times.write_text('0\n1\n')
-    specs = {'tum': tum, 'euroc': sequence, 'kitti': matrices}
+    export = tmp_path / 'trial.csv'
+    columns = 'Frame,Sub Frame,RX,RY,RZ,TX,TY,TZ\n,,rad,rad,rad,mm,mm,mm'
+    export.write_text(f'Objects\n10\nGlobal Angle (Helical),a\n{columns}\n1,0,0,0,0,1,2,3\n')
+    specs = {'tum': tum, 'euroc': sequence, 'kitti': matrices, 'motion capture': export}
     source = read(str(specs[kind]), times=times)
     assert source.kind == kind
-    assert len(source.poses) == {'tum': 2, 'euroc': 1, 'kitti': 2}[kind]
+    assert len(source.poses) == {'tum': 2, 'euroc': 1, 'kitti': 2, 'motion capture': 1}[kind]
     assert source.poses.stamps_ns.dtype == np.int64
     assert source.poses.rotations.shape == (len(source.poses), 4)
 
