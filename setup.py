@@ -80,6 +80,9 @@ setup(
     python_requires='>=3.10',
     install_requires=[
         'argcomplete',
+        # part of Python since 3.14
+        'backports.zstd; python_version < "3.14"',
+        'lz4',
         'mcap>=1.2',
         'numpy>=1.26',
         # the first that lists topics without messages and lets go of a damaged bag

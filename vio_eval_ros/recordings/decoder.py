@@ -10,9 +10,9 @@ from rosbags.interfaces import Nodetype
 
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings import cdr, messages
-from vio_eval_ros.recordings.container import reading
 from vio_eval_ros.recordings.messages import CONVERTERS, PATH
 from vio_eval_ros.recordings.storage import Channel, standard_types
+from vio_eval_ros.recordings.storage_files import reading
 
 HEADER = 'std_msgs/msg/Header'
 BLOCK_BYTES = 4 << 20  # decoded at once; larger blocks are not faster

@@ -11,11 +11,12 @@ import numpy as np
 
 from vio_eval_ros.errors import ReadError, UnsupportedMessage
 from vio_eval_ros.recordings.cdr import columns, Layout
-from vio_eval_ros.recordings.container import reading, Topic
+from vio_eval_ros.recordings.container import Topic
 from vio_eval_ros.recordings.decoder import Blocks, Decoder
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.recording import Recording
 from vio_eval_ros.recordings.rows import BadRow, parse, per_second, Rows, STAMP_UNITS
+from vio_eval_ros.recordings.storage_files import reading
 from vio_eval_ros.recordings.text import split_header
 
 IMU = 'sensor_msgs/msg/Imu'

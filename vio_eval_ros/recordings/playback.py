@@ -17,11 +17,12 @@ from types import TracebackType
 from rosbags.typesys import get_typestore, Stores
 
 from vio_eval_ros.errors import ReadError
-from vio_eval_ros.recordings.container import Container, reading, Topic
+from vio_eval_ros.recordings.container import Container, Topic
 from vio_eval_ros.recordings.decoder import HEADER
 from vio_eval_ros.recordings.euroc import EurocFolder, sensors_in
 from vio_eval_ros.recordings.rosbags_internals import to_cdr, Typestore
 from vio_eval_ros.recordings.storage import Channel, OfferedQos, standard_types
+from vio_eval_ros.recordings.storage_files import reading
 
 RENAMED = {'tf/msg/tfMessage': 'tf2_msgs/msg/TFMessage'}  # the name before ROS 1 Hydro
 
@@ -99,7 +100,7 @@ class _Converted:
         for channel in container.channels:
             if channel.encoding in ('cdr', 'ros1'):
                 counts[channel.topic][_today(channel)] += channel.count
-                with reading(channel.storage.path):
+                with reading(container.path):
                     self._converters[channel] = _converter(channel)
             else:
                 line = f'{channel.topic} is serialised as {channel.encoding!r}'

@@ -6,7 +6,6 @@ from array import array
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -14,10 +13,11 @@ import numpy as np
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError, ReadError, UnsupportedMessage
 from vio_eval_ros.recordings import messages
-from vio_eval_ros.recordings.container import Container, reading, Topic
+from vio_eval_ros.recordings.container import Container, Topic
 from vio_eval_ros.recordings.decoder import Blocks, Decoder
 from vio_eval_ros.recordings.messages import PATH, PathRevisions
 from vio_eval_ros.recordings.progress import Progress, silent
+from vio_eval_ros.recordings.storage_files import reading
 from vio_eval_ros.recordings.transforms import static_topics, TF_TYPES, TransformTree
 
 # Takes the time [ns] at which a message was recorded, and its bytes.
@@ -60,15 +60,7 @@ class Wanted(NamedTuple):
 
 
 class Recording(Container):
-    """
-    A recording of which poses are read.
-
-    ``warnings`` holds a line for whatever :meth:`read` had to leave out.
-    """
-
-    def __init__(self, path: Path) -> None:
-        super().__init__(path)
-        self.warnings: list[str] = []
+    """A recording of which poses are read; ``warnings`` grow by what :meth:`read` leaves out."""
 
     def read(self, specs: Sequence[str], progress: Progress = silent) -> list[TopicPoses]:
         """

@@ -19,13 +19,13 @@ import numpy as np
 
 from vio_eval_ros.core.sensor_stream import SensorStream
 from vio_eval_ros.errors import ReadError
-from vio_eval_ros.recordings.container import reading
 from vio_eval_ros.recordings.decoder import Blocks, Decoder
 from vio_eval_ros.recordings.euroc import Sensor, sensors_in, table
 from vio_eval_ros.recordings.imu import IMU, samples
 from vio_eval_ros.recordings.messages import CONVERTERS, PATH
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.recording import Recording
+from vio_eval_ros.recordings.storage_files import reading
 from vio_eval_ros.recordings.transforms import TF_TYPES
 
 IMAGES = ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage')
