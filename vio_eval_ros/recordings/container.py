@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import chain
@@ -73,19 +73,7 @@ class Container:
         for channel in self.channels:
             counts[channel.topic, channel.msgtype] += channel.count
         self.topics = [Topic(*key, count) for key, count in sorted(counts.items())]
-        self._check(folder.promised)
-
-    def _check(self, promised: dict[str, int]) -> None:
-        """Warn of topics of which there are fewer messages than metadata.yaml states."""
-        there: Counter[str] = Counter()
-        for topic in self.topics:
-            there[topic.name] += topic.count
-        self.warnings += [
-            f'{self.path}: metadata.yaml states {count} messages of {name}, but {there[name]} are '
-            'there'
-            for name, count in promised.items()
-            if there[name] < count
-        ]
+        self.warnings += [f'{path}: {line}' for line in _too_few(self.topics, folder.promised)]
 
     def __enter__(self: Opened) -> Opened:
         return self
@@ -158,3 +146,13 @@ def _unpacked(file: StorageFile, messages: Iterator[Recorded]) -> Iterator[Recor
                 yield log_ns, channel, decompressed_message(raw)
             else:
                 yield log_ns, channel, raw
+
+
+def _too_few(topics: Iterable[Topic], promised: Mapping[str, int]) -> Iterator[str]:
+    """Yield a sentence for each topic with fewer messages than metadata.yaml states."""
+    there: Counter[str] = Counter()
+    for topic in topics:
+        there[topic.name] += topic.count
+    for name, count in promised.items():
+        if there[name] < count:
+            yield f'metadata.yaml states {count} messages of {name}, but {there[name]} are there'
