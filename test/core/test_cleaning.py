@@ -82,6 +82,18 @@ def test_positions_alone_have_no_orientation():
     assert cleaned.stamps_ns.tolist() == [1, 2]
 
 
+@pytest.mark.parametrize('quaternion', [[0, 0, 0, 0], [0, np.nan, 0, 1], [np.inf] * 4])
+def test_where_no_orientation_is_usable_positions_are_kept(quaternion):
+    counts = Cleaning()
+    received = poses([30, 10, 10, 20], [quaternion] * 4)
+    received.positions[3] = np.nan
+    cleaned = clean(received, counts)
+    assert cleaned.rotations is None
+    assert cleaned.stamps_ns.tolist() == [10, 30]
+    assert counted(counts) == {'non_finite': 1, 'duplicate': 1, 'went_backwards': 2}
+    assert not len(clean(received, counts, positions_suffice=False))
+
+
 @given(ARRIVALS)
 def test_every_pose_is_kept_or_counted_exactly_once(arrivals):
     received = poses([stamp for stamp, _ in arrivals])
@@ -91,7 +103,7 @@ def test_every_pose_is_kept_or_counted_exactly_once(arrivals):
         elif kind != 'good':
             received.rotations[k] *= 0 if kind == 'zero' else 2
     counts = Cleaning()
-    cleaned = clean(received, counts)
+    cleaned = clean(received, counts, positions_suffice=False)
     kinds = [kind for _, kind in arrivals]
     usable = [stamp for stamp, kind in arrivals if kind in ('good', 'long')]
     assert cleaned.stamps_ns.tolist() == sorted(set(usable))

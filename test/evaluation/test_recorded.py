@@ -10,7 +10,7 @@ import pytest
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.gates import Gate
 from vio_eval_ros.core.trajectory import Poses
-from vio_eval_ros.errors import NoPairs
+from vio_eval_ros.errors import ConfigError, NoPairs
 from vio_eval_ros.evaluation.recorded import MAX_OUTLINE_POSES, score_run, sha256
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.simulation import simulate
@@ -93,6 +93,18 @@ def test_the_outline_is_the_body_along_the_ground_truth_that_was_used():
     assert both.any()
     there = np.searchsorted(pairs.stamps_ns, outline.stamps_ns[both])
     np.testing.assert_array_equal(outline.positions[both], pairs.positions[there])
+
+
+@pytest.mark.parametrize('quaternion', [[0, 0, 0, 1], [0, 0, 0, 0]])
+def test_positions_with_orientations_that_say_nothing_cannot_be_moved(quaternion):
+    filled = np.tile(np.array(quaternion, float), (len(RUN.ground_truth), 1))
+    truth = source(replace(RUN.ground_truth, rotations=filled))
+    assert score_run(source(RUN.estimate), truth, CONFIG).ground_truth.position_only
+    lever = replace(CONFIG, ground_truth_to_body=(0.3, 0, 0, 0, 0, 0, 1))
+    with pytest.raises(ConfigError, match=r'ground_truth_to_body: .* leave the option out'):
+        score_run(source(RUN.estimate), truth, lever)
+    of_estimate = replace(CONFIG, estimate_to_body=(0.3, 0, 0, 0, 0, 0, 1))
+    assert score_run(source(RUN.estimate), truth, of_estimate).estimate.poses
 
 
 def test_files_are_hashed_as_if_they_were_concatenated(tmp_path):

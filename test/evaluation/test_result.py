@@ -4,10 +4,10 @@ import json
 
 import numpy as np
 
-from vio_eval_ros.core.association import Side
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.preparation import Preparation
+from vio_eval_ros.core.side import Side
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.evaluation.result import Input, Result
 from vio_eval_ros.simulation import simulate

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from vio_eval_ros.core.alignment import Moments, solve
-from vio_eval_ros.core.association import AFTER_ALL, BEFORE_ALL
 from vio_eval_ros.core.gates import Gate
+from vio_eval_ros.core.side import AFTER_ALL, BEFORE_ALL
 from vio_eval_ros.core.trajectory import Pairs, Trajectory
 from vio_eval_ros.live import health
 from vio_eval_ros.live.health import Level

@@ -7,15 +7,12 @@ import math
 
 import numpy as np
 
-from vio_eval_ros.core.cleaning import Cleaning
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.interpolation import between
-from vio_eval_ros.core.intervals import Intervals, nanoseconds, TrackingLimit
+from vio_eval_ros.core.intervals import Intervals, nanoseconds
 from vio_eval_ros.core.preparation import Preparation
-from vio_eval_ros.core.trajectory import as_slice, Pairs, Poses, Trajectory
-
-BEFORE_ALL = np.iinfo(np.int64).min
-AFTER_ALL = np.iinfo(np.int64).max
+from vio_eval_ros.core.side import AFTER_ALL, BEFORE_ALL, Side
+from vio_eval_ros.core.trajectory import as_slice, Pairs, Poses
 
 
 def nearest(stamps: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -30,76 +27,6 @@ def nearest(stamps: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.asarray(
         np.where(np.abs(stamps - others[before]) <= np.abs(others[after] - stamps), before, after)
     )
-
-
-class Side:
-    """
-    One side of the association: prepares arriving poses and keeps those that are still needed.
-
-    :param preparation: of its poses.
-    :param gap_ns: the longest interval between poses that counts as tracking.
-    """
-
-    def __init__(self, preparation: Preparation, gap_ns: int) -> None:
-        self.counts = Cleaning()
-        self.waiting = Trajectory.empty()
-        self.first_ns = AFTER_ALL
-        self.newest_ns = BEFORE_ALL
-        self.first_used_ns = AFTER_ALL
-        self.last_used_ns = BEFORE_ALL
-        self.used = 0
-        self.settled = 0
-        self.position_only = False
-        self.intervals = Intervals(gap_ns)
-        self._preparation = preparation
-
-    def receive(self, poses: Poses, horizon_ns: int) -> None:
-        """Add a batch; poses at or before the horizon are too late and only counted."""
-        newest_ns = None if self.newest_ns == BEFORE_ALL else self.newest_ns
-        batch = self._preparation.apply(poses, self.counts, newest_ns)
-        if len(batch) and batch.stamps_ns[0] <= max(self.newest_ns, horizon_ns):
-            batch = self._without_repeated_and_late(batch, horizon_ns)
-        if not len(batch):
-            return
-        in_order = batch.stamps_ns[0] > self.newest_ns
-        self.waiting = Trajectory.concatenate([self.waiting, batch])
-        if not in_order:
-            self.waiting = self.waiting[np.argsort(self.waiting.stamps_ns)]
-        self.used += len(batch)
-        self.position_only |= batch.rotations is None
-        self.first_ns = min(self.first_ns, int(batch.stamps_ns[0]))
-        self.newest_ns = max(self.newest_ns, int(batch.stamps_ns[-1]))
-
-    def _without_repeated_and_late(self, batch: Trajectory, horizon_ns: int) -> Trajectory:
-        repeated = np.isin(batch.stamps_ns, self.waiting.stamps_ns)
-        repeated |= batch.stamps_ns == self.newest_ns
-        late = ~repeated & (batch.stamps_ns <= horizon_ns)
-        self.counts.duplicate += int(np.count_nonzero(repeated))
-        self.counts.late += int(np.count_nonzero(late))
-        return batch[~(repeated | late)]
-
-    def crop(self, begin_ns: int, end_ns: int) -> None:
-        """Drop the waiting poses outside [begin, end]; they still count for ``newest_ns``."""
-        inside = self.waiting.within(begin_ns, end_ns)
-        cropped = len(self.waiting) - len(inside)
-        self.counts.cropped += cropped
-        self.used -= cropped
-        self.waiting = inside
-
-    def settle(self, after_ns: int, until_ns: int) -> np.ndarray:
-        """Count the poses in (after, until], whose partners are known; return their intervals."""
-        begin, end = np.searchsorted(self.waiting.stamps_ns, [after_ns, until_ns], side='right')
-        self.settled += int(end - begin)
-        if end > begin:
-            self.first_used_ns = min(self.first_used_ns, int(self.waiting.stamps_ns[begin]))
-            self.last_used_ns = int(self.waiting.stamps_ns[end - 1])
-        return self.intervals.add(self.waiting.stamps_ns[begin:end])
-
-    def forget(self, before_ns: int) -> None:
-        """Drop earlier poses, except the last of them, from which an interpolation may start."""
-        first = int(np.searchsorted(self.waiting.stamps_ns, before_ns)) - 1
-        if first > 0:
-            self.waiting = self.waiting[first:]
 
 
 class Associator:
@@ -118,23 +45,36 @@ class Associator:
         self._end_ns = None if math.isinf(config.end_s) else nanoseconds(config.end_s)
         self._config = config
         self._horizon_ns = BEFORE_ALL
-        self._begin_ns: int | None = None
         self.estimate = Side(Preparation.of_estimate(config), self._gap_ns)
         self.ground_truth = Side(Preparation.of_ground_truth(config), self._gap_ns)
         self.closest_ns: int | None = None
+        self._begin()
+
+    def add_estimate(self, poses: Poses) -> bool:
+        """
+        Add a batch of the estimate, with stamps of its own clock.
+
+        Return whether the pairs so far are void: their poses turned out to be unusable.
+        """
+        return self._receive(self.estimate, poses)
+
+    def add_ground_truth(self, poses: Poses) -> bool:
+        """Add a batch of ground truth, likewise."""
+        return self._receive(self.ground_truth, poses)
+
+    def _receive(self, side: Side, poses: Poses) -> bool:
+        drops_earlier = side.receive(poses, self._horizon_ns)
+        if drops_earlier:
+            self._begin()
+        return drops_earlier
+
+    def _begin(self) -> None:
+        """Begin to count pairs."""
+        self._begin_ns: int | None = None
         self._pairs = 0
         self._difference_sum_ns = 0
         self._difference_max_ns = 0
         self._tracked = Intervals(self._gap_ns)
-        self._limit = TrackingLimit(self._gap_ns)
-
-    def add_estimate(self, poses: Poses) -> None:
-        """Add a batch of the estimate, with stamps of its own clock."""
-        self.estimate.receive(poses, self._horizon_ns)
-
-    def add_ground_truth(self, poses: Poses) -> None:
-        """Add a batch of ground truth."""
-        self.ground_truth.receive(poses, self._horizon_ns)
 
     def decide(self) -> Pairs:
         """Return the pairs that the poses since the last call decide."""
@@ -151,7 +91,7 @@ class Associator:
         Intervals between poses count where they are no longer than ``max_gap_s`` or three median
         intervals of the estimate. NaN without ground truth.
         """
-        limit_ns = self._limit.longest_ns()
+        limit_ns = self.estimate.limit.longest_ns()
         duration_ns = self.ground_truth.intervals.total_ns(limit_ns)
         # the estimates of the first and last pair may lie outside the ground truth
         return (
@@ -175,11 +115,16 @@ class Associator:
         }
 
     def warnings(self) -> list[str]:
-        """Return what was dropped or repaired, in sentences."""
-        return [
-            *self.estimate.counts.warnings('estimate'),
-            *self.ground_truth.counts.warnings('ground truth'),
-        ]
+        """Return what was dropped or repaired, or says nothing, in sentences."""
+        sentences: list[str] = []
+        for name, side in (('estimate', self.estimate), ('ground truth', self.ground_truth)):
+            sentences += side.counts.warnings(name)
+            if why := side.why_positions_only():
+                sentences.append(
+                    f'{name}: {why}: it counts as positions only, figures that need its '
+                    'orientation are null'
+                )
+        return sentences
 
     def why_no_pairs(self) -> str:
         """Return why there are no pairs, in one line with both time spans."""
@@ -218,9 +163,8 @@ class Associator:
         decided = self._nearest if self._config.association == 'nearest' else self._interpolated
         pairs = decided(self._horizon_ns, horizon_ns)
         self._count(pairs)
-        self.ground_truth.settle(self._horizon_ns, horizon_ns)
-        self._limit.add(self.estimate.settle(self._horizon_ns, horizon_ns))
         for side in (self.estimate, self.ground_truth):
+            side.settle(self._horizon_ns, horizon_ns)
             side.forget(self._needed_from(horizon_ns))
         self._horizon_ns = horizon_ns
         return pairs

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.orientations import finite, MIN_QUATERNION_NORM, some_usable
 from vio_eval_ros.core.trajectory import Poses, Trajectory
 
-MIN_QUATERNION_NORM = 1e-6
 UNIT_QUATERNION_TOLERANCE = 1e-2
-#: larger ones overflow where they are squared
-LARGEST_NUMBER = 1e100
 REPAIRED = ('went_backwards', 'scaled_quaternion')
 
 
@@ -69,21 +67,24 @@ class Cleaning:
             )
 
 
-def clean(poses: Poses, counts: Cleaning, newest_ns: int | None = None) -> Trajectory:
+def clean(
+    poses: Poses, counts: Cleaning, newest_ns: int | None = None, positions_suffice: bool = True
+) -> Trajectory:
     """
     Return the usable poses in order of their stamps; add problems to ``counts``.
 
     Rows with a non-finite number (or one so large that its square is not finite), an unset stamp
     or a quaternion of length zero are dropped, other quaternions normalised; of equal stamps the
-    first stays.
+    first stays. Where no quaternion at all is usable, the trajectory has none.
 
     :param newest_ns: the newest stamp of earlier batches of the same stream, if any.
+    :param positions_suffice: False drops every row without a usable quaternion.
     """
-    keep = np.ones(len(poses), bool)
-    for column in (poses.positions, poses.rotations):
-        # nearly always all are, which is faster to find out at once than for each row
-        if column is not None and not np.abs(column).max(initial=0) < LARGEST_NUMBER:
-            keep &= (np.abs(column) < LARGEST_NUMBER).all(axis=1)
+    if positions_suffice and not some_usable(poses):
+        poses = replace(poses, rotations=None)
+    keep = finite(poses.positions)
+    if poses.rotations is not None:
+        keep &= finite(poses.rotations)
     counts.non_finite += len(poses) - int(np.count_nonzero(keep))
     if poses.zero_is_unset:
         counts.zero_stamp += int(np.count_nonzero(keep & (poses.stamps_ns == 0)))

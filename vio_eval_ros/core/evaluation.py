@@ -60,23 +60,35 @@ class Evaluation:
     def __init__(self, config: EvaluationConfig, max_pairs: int | None = None) -> None:
         self.config = config
         self.associator = Associator(config)
-        # it grows beyond the limit before it is downsampled
-        self._log = PairLog(2 * (max_pairs or 0))
         self._max_pairs = max_pairs
-        self._metrics = [metric(config) for metric in METRICS.values()]
-        self._aligner = Aligner(config.alignment, nanoseconds(config.align_first_s))
+        self._begin()
+
+    def _begin(self) -> None:
+        """Begin with no pairs."""
+        # it grows beyond the limit before it is downsampled
+        self._log = PairLog(2 * (self._max_pairs or 0))
+        self._metrics = [metric(self.config) for metric in METRICS.values()]
+        first_ns = nanoseconds(self.config.align_first_s)
+        self._aligner = Aligner(self.config.alignment, first_ns)
 
     def add_estimate(self, poses: Poses) -> None:
         """Add a batch of estimated poses."""
-        self.associator.add_estimate(poses)
+        if self.associator.add_estimate(poses):
+            self._begin()
 
     def add_ground_truth(self, poses: Poses) -> None:
         """Add a batch of true poses."""
-        self.associator.add_ground_truth(poses)
+        if self.associator.add_ground_truth(poses):
+            self._begin()
 
     def flush(self) -> None:
         """Decide the remaining pairs: the streams have ended."""
-        self._log.append(self.associator.flush())
+        self._append(self.associator.flush())
+
+    def _append(self, pairs: Pairs) -> None:
+        sides = self.associator.estimate, self.associator.ground_truth
+        self._log.append(pairs)
+        self._log.position_only = (sides[0].position_only, sides[1].position_only)
 
     def running(self) -> dict[str, float]:
         """
@@ -100,7 +112,7 @@ class Evaluation:
 
     def alignment(self) -> Alignment:
         """Take in the pairs that are decided by now; return the alignment of all."""
-        self._log.append(self.associator.decide())
+        self._append(self.associator.decide())
         return self._aligner.solve(self._log, self._aligner.update(self._log))
 
     def since(self, index: int) -> Pairs:
@@ -127,7 +139,7 @@ class Evaluation:
 
         :param causal: the metrics of the estimate as first published, where it was revised since.
         """
-        self._log.append(self.associator.decide())
+        self._append(self.associator.decide())
         pairs = self._log.evenly()
         moments = self._aligner.update(self._log) if self._log.dropped else Moments.of(pairs)
         alignment = self._aligner.solve(self._log, moments)

@@ -22,6 +22,7 @@ from vio_eval_ros.core.metric import Metric, MetricValues, named, Observations
 from vio_eval_ros.core.relative import (
     candidates,
     ErrorMoments,
+    POSITION_KINDS,
     progress_along,
     relative_errors,
     RelativeMotions,
@@ -89,14 +90,13 @@ class Ate(Metric):
     def _rotation_rmse(self, observed: Observations) -> float:
         """Return the RMSE of angles; where R has moved too far, from moments about the new R."""
         aligned, log = observed.alignment.invertible().rotation, observed.log
-        if not observed.pairs.oriented:
-            return math.nan
         known = self._angles or AngleMoments.of(np.empty((0, 4)), aligned)
-        new = log.since(known.count).rotations
-        assert new is not None
+        new = log.received_since(known.count).rotations
+        if new is None:
+            return math.nan
         known = known.merge(AngleMoments.of(new, known.reference))
         self._angles = known
-        if not observed.alignment.observable:
+        if not observed.alignment.observable or not observed.pairs.oriented:
             return math.nan
         if not known.is_exact_for(aligned):
             if log.dropped:  # too far from where the moments were taken, and few pairs are left
@@ -188,8 +188,8 @@ class RunningRpe:
         """Take in what the pairs since the last call decide; return the values."""
         if self._next < observed.log.first_of_all:  # waited too long for a delta to be over
             self._next, self._mark = observed.log.first_of_all, 0.0
-        pairs = observed.log.since(self._next)
-        along = progress_along(pairs, self._delta.unit)
+        pairs = observed.log.received_since(self._next)
+        along = progress_along(observed.log.since(self._next), self._delta.unit)
         found = candidates(along, self._delta, self._mode, self._mark)
         # no pair to come can be nearer to a place that has been reached; the rest may change
         decided = int(np.searchsorted(found.target, along[-1], side='right')) if len(along) else 0
@@ -212,8 +212,11 @@ class RunningRpe:
             self._mark = float(found.target[decided - 1] - along[last])
             self._next += int(last)
         moments = parts[1] if self._moments is None else self._moments + parts[1]
+        known = RPE_KINDS if observed.pairs.oriented else POSITION_KINDS
         return {
             f'rpe_{self._delta}_{kind}_rmse_{unit}': moments.rmse(kind, observed.alignment)
+            if kind in known
+            else math.nan
             for kind, unit in RPE_KINDS.items()
         } | {f'rpe_{self._delta}_pairs': moments.count}
 
@@ -259,7 +262,8 @@ class PathLength(Metric):
         """
         Return the ground truth's path over the pairs, and the drift at the end in percent of it.
 
-        The drift is the relative pose error from the first pair to the last.
+        The drift is the relative error from the first pair to the last: of the pose, or without
+        orientations of the displacement.
         """
         path = progress_along(observed.pairs, 'm')
         return MetricValues(_drift(observed, float(path[-1]) if len(path) > 1 else math.nan))
@@ -278,7 +282,9 @@ def _drift(observed: Observations, length_m: float) -> dict[str, float]:
     if length_m > 0:
         ends = observed.pairs[[0, -1]]
         whole = RelativeMotions.between(ends, np.array([0]), np.array([1]))
-        drift = 100 * float(whole.pose_errors(observed.alignment.scale)[0]) / length_m
+        kind = 'trans' if ends.oriented else 'disp'
+        errors = dict(zip(RPE_KINDS, whole.errors(observed.alignment)[:, 0], strict=True))
+        drift = 100 * float(errors[kind]) / length_m
     return {'path_length_m': length_m, 'drift_percent': drift}
 
 

@@ -36,8 +36,9 @@ def finite(column: np.ndarray) -> np.ndarray:
     return np.asarray((np.abs(column) < LARGEST_NUMBER).all(axis=1))
 
 
-def usable(rotations: np.ndarray) -> np.ndarray:
+def usable(rotations: np.ndarray | None) -> np.ndarray:
     """Return (N,) whether each quaternion is finite and not of length zero."""
+    assert rotations is not None
     is_finite = finite(rotations)
     return is_finite & (lengths(np.where(is_finite[:, None], rotations, 0)) >= MIN_QUATERNION_NORM)
 
@@ -73,6 +74,17 @@ def _same(rotations: np.ndarray, first: np.ndarray) -> bool:
     """Return whether (N, 4) unit quaternions are all the same rotation as another."""
     off = np.minimum(np.abs(rotations - first), np.abs(rotations + first))
     return bool(off.max(initial=0) <= SAME_ROTATION)
+
+
+def some_usable(poses: Poses) -> bool:
+    """Return whether some pose with a finite position has a usable orientation."""
+    if poses.rotations is None:
+        return False
+    # nearly always the first one has, which is faster to find out than for each row
+    return any(
+        bool((finite(some.positions) & usable(some.rotations)).any())
+        for some in (poses[:1], poses)
+    )
 
 
 def why_positions_only(poses: Poses) -> str:

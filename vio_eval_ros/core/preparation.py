@@ -38,25 +38,37 @@ class Preparation:
         """Return the preparation of the ground truth."""
         return cls(0.0, config.ground_truth_to_body)
 
+    @property
+    def moves(self) -> bool:
+        """Whether the body is not the tracked frame itself, so that orientations are needed."""
+        return bool(self._lever.any()) or abs(self._rotation[3]) != 1
+
     def apply(
-        self, poses: Poses, counts: Cleaning | None = None, newest_ns: int | None = None
+        self,
+        poses: Poses,
+        counts: Cleaning | None = None,
+        newest_ns: int | None = None,
+        positions_suffice: bool = True,
     ) -> Trajectory:
         """
         Return the poses of the body, in order, on the common clock.
 
         :param counts: what was dropped is added to them.
         :param newest_ns: the newest stamp of earlier batches, on the common clock.
+        :param positions_suffice: as of :func:`clean`; never where the body is not the tracked
+            frame.
         :raises ConfigError: poses without orientation are to be moved to another frame.
         """
         newest_ns = None if newest_ns is None else newest_ns - self._offset_ns
-        prepared = clean(poses, counts or Cleaning(), newest_ns)
+        positions_suffice &= not self.moves
+        prepared = clean(poses, counts or Cleaning(), newest_ns, positions_suffice)
         if self._offset_ns:
             prepared = replace(prepared, stamps_ns=prepared.stamps_ns + self._offset_ns)
         return self._of_body(prepared) if len(prepared) else prepared
 
     def _of_body(self, tracked: Trajectory) -> Trajectory:
         """Return the poses of the body, given those of the tracked frame, in which it is fixed."""
-        if not self._lever.any() and abs(self._rotation[3]) == 1:
+        if not self.moves:
             return tracked
         if tracked.rotations is None:
             raise ConfigError(

@@ -23,6 +23,8 @@ from vio_eval_ros.core.trajectory import as_slice, blocks, Pairs, rows
 #: kinds of relative error and their units: of the pose, of the rotation, of the displacement in
 #: the world, and of the distance between its ends
 RPE_KINDS = {'trans': 'm', 'rot': 'deg', 'disp': 'm', 'dist': 'm'}
+#: those that need no orientations
+POSITION_KINDS = ('disp', 'dist')
 #: by what share of a delta two pairs may be nearer or farther apart
 DELTA_TOLERANCE = 0.1
 #: pairs from the begin of one segment to that of the next

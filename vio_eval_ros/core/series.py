@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from vio_eval_ros.core.association import AFTER_ALL, BEFORE_ALL
 from vio_eval_ros.core.cleaning import Cleaning
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation, Summary
 from vio_eval_ros.core.intervals import nanoseconds
+from vio_eval_ros.core.side import AFTER_ALL, BEFORE_ALL
 from vio_eval_ros.core.trajectory import Poses
 
 SECOND_NS = 10**9

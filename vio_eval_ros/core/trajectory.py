@@ -172,6 +172,18 @@ class Pairs:
         deviations = None if self.deviations is None else self.deviations[index]
         return Pairs(self.estimate[index], self.ground_truth[index], deviations)
 
+    def without_rotations(self, estimate: bool, ground_truth: bool) -> Pairs:
+        """Return the pairs without the orientations of these sides."""
+        sides = {'estimate': estimate, 'ground_truth': ground_truth}
+        return replace(
+            self,
+            **{
+                name: replace(getattr(self, name), rotations=None)
+                for name, without in sides.items()
+                if without
+            },
+        )
+
     def deviations_or_nan(self) -> np.ndarray:
         """Return the (N, 2, 6) deviations, NaN where the estimate has no covariances."""
         if self.deviations is not None:
@@ -210,6 +222,9 @@ class PairLog:
         self._capacity = min(capacity, MAX_RESERVED_PAIRS)
         self.count = 0
         self.first_of_all = 0
+        #: whether orientations of the estimate and of the ground truth say nothing, so that pairs
+        #: are returned without them
+        self.position_only = (False, False)
         self._kept = 0
         self._stride = 1
         self._pairs = Pairs.empty()
@@ -245,7 +260,7 @@ class PairLog:
 
     def all(self) -> Pairs:
         """Return all pairs that are kept."""
-        return self._pairs[: self._kept]
+        return self._pairs[: self._kept].without_rotations(*self.position_only)
 
     def evenly(self) -> Pairs:
         """Return kept pairs that are spread evenly over the run."""
@@ -258,6 +273,10 @@ class PairLog:
 
     def since(self, index: int) -> Pairs:
         """Return the pairs from an index of the run on, as far as none is missing."""
+        return self.received_since(index).without_rotations(*self.position_only)
+
+    def received_since(self, index: int) -> Pairs:
+        """Return the same with orientations as received: they may yet come to say something."""
         return self._pairs[max(index, self.first_of_all) - self.dropped : self._kept]
 
     def downsample(self, limit: int) -> None:
@@ -277,7 +296,7 @@ class PairLog:
         while self.first_of_all // self._stride >= max(limit // 4, 1):
             self._stride *= 2
         keep = (index >= self.first_of_all) | (index % self._stride == 0)
-        self._pairs = self.all()[keep]
+        self._pairs = self._pairs[: self._kept][keep]
         self._kept = len(self._pairs)
 
     def _extended(self, trajectory: Trajectory, new: Trajectory) -> Trajectory:

@@ -9,9 +9,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vio_eval_ros.core.cleaning import clean, Cleaning, LARGEST_NUMBER
+from vio_eval_ros.core.cleaning import clean, Cleaning
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.limits import PROFILES
+from vio_eval_ros.core.orientations import LARGEST_NUMBER
 from vio_eval_ros.diagnosis.diagnosis import diagnose
 from vio_eval_ros.diagnosis.gyroscope import compare
 from vio_eval_ros.diagnosis.limits import DiagnosisLimits

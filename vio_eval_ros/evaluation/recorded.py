@@ -8,13 +8,14 @@ from pathlib import Path
 
 import numpy as np
 
-from vio_eval_ros.core.association import Side
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.gates import Gate, judge
+from vio_eval_ros.core.orientations import why_positions_only
 from vio_eval_ros.core.preparation import Preparation
+from vio_eval_ros.core.side import Side
 from vio_eval_ros.core.trajectory import Poses, Trajectory
-from vio_eval_ros.errors import NoPairs
+from vio_eval_ros.errors import ConfigError, NoPairs
 from vio_eval_ros.evaluation.result import Input, Result
 from vio_eval_ros.recordings.sources import Source
 
@@ -34,7 +35,9 @@ def score_run(
 
     :param hashed: whether to hash the files; only some reports show it.
     :raises NoPairs: no two stamps match; the message says why.
+    :raises ConfigError: poses whose orientations say nothing are to be moved to another frame.
     """
+    _check_bodies(config, estimate.poses, truth.poses)
     evaluation = _evaluated(config, estimate.poses, truth.poses)
     causal = None
     if estimate.causal is not None:
@@ -67,6 +70,18 @@ def score_run(
         verdicts=judge(gates, summary.metrics),
         truth=_outline(config, truth, associator.ground_truth),
     )
+
+
+def _check_bodies(config: EvaluationConfig, estimate: Poses, truth: Poses) -> None:
+    """Refuse to move positions by orientations that say nothing."""
+    for name, poses, preparation in (
+        ('estimate', estimate, Preparation.of_estimate(config)),
+        ('ground_truth', truth, Preparation.of_ground_truth(config)),
+    ):
+        if preparation.moves and (why := why_positions_only(poses)):
+            raise ConfigError(
+                f'{name}_to_body: {why}; it cannot be moved to another frame: leave the option out'
+            )
 
 
 def _are_same(one: Poses, other: Poses) -> bool:

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from vio_eval_ros.core.association import Side
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Summary
 from vio_eval_ros.core.gates import Gate, judge, Verdict
 from vio_eval_ros.core.intervals import nanoseconds
+from vio_eval_ros.core.side import Side
 from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.version import __version__

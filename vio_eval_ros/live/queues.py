@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from vio_eval_ros.core.association import AFTER_ALL, BEFORE_ALL
+from vio_eval_ros.core.side import AFTER_ALL, BEFORE_ALL
 from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.recordings.messages import PathRevisions
 

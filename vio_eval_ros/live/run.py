@@ -16,11 +16,11 @@ from pathlib import Path
 
 import numpy as np
 
-from vio_eval_ros.core.association import Side
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation, Summary
 from vio_eval_ros.core.gates import Gate, judge
 from vio_eval_ros.core.series import MAX_WAITING_PER_PAIR, RunningSeries
+from vio_eval_ros.core.side import Side
 from vio_eval_ros.core.steps import step_lengths
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.diagnosis.limits import DEFAULT, DiagnosisLimits

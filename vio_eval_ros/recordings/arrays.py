@@ -14,7 +14,7 @@ from typing import Any, TYPE_CHECKING, Union
 import numpy as np
 from numpy.typing import ArrayLike
 
-from vio_eval_ros.core.cleaning import LARGEST_NUMBER, MIN_QUATERNION_NORM
+from vio_eval_ros.core.orientations import LARGEST_NUMBER, MIN_QUATERNION_NORM
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import InputError
 from vio_eval_ros.recordings.rows import LATEST_NS

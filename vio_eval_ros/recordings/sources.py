@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vio_eval_ros.core import rotation
-from vio_eval_ros.core.cleaning import MIN_QUATERNION_NORM
+from vio_eval_ros.core.orientations import MIN_QUATERNION_NORM, why_positions_only
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings.layouts import poses_of, Reading
@@ -274,7 +274,7 @@ def _as_stated(text: str, poses: Poses, spec: Spec) -> Poses:
     invert = spec.statements.get('invert')
     if invert is None:
         return poses
-    if poses.rotations is None:
+    if poses.rotations is None or why_positions_only(poses):
         raise ConfigError(
             f'{spec.topic or spec.path}: cannot invert positions without orientations'
         )

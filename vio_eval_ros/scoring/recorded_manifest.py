@@ -10,9 +10,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, NoReturn, TypeVar
 
-from vio_eval_ros.core.cleaning import LARGEST_NUMBER
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.gates import Gate, LIMITS, SEVERITIES
+from vio_eval_ros.core.orientations import LARGEST_NUMBER
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.scoring.baseline import damage
