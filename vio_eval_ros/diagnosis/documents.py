@@ -21,15 +21,17 @@ RELIABLE_CORRELATION = 0.6
 
 def diagnosis_text(diagnosis: Diagnosis, errors: bool = False) -> list[str]:
     """
-    Return the lines of a diagnosis: causes, what is not observable, warnings, the gyroscope.
+    Return the lines of a diagnosis: what was assumed, causes, what cannot be told, warnings.
 
     :param errors: whether to list the errors before and after all causes are undone.
     """
-    lines = _causes(diagnosis) if diagnosis.causes else _no_causes(diagnosis)
+    lines = [line for sentence in diagnosis.assumed for line in (f'warning: {sentence}', '')]
+    others = diagnosis.warnings[len(diagnosis.assumed) :]
+    lines += _causes(diagnosis) if diagnosis.causes else _no_causes(diagnosis, others)
     if diagnosis.cannot_tell:
         names = ', '.join(diagnosis.cannot_tell)
         lines += ['', f'cannot tell, because the motion or the data do not show it: {names}']
-    lines += [line for warning in diagnosis.warnings for line in ('', f'warning: {warning}')]
+    lines += [line for warning in others for line in ('', f'warning: {warning}')]
     if errors:
         lines += _before_and_after(diagnosis)
     if diagnosis.gyroscope is not None:
@@ -37,11 +39,11 @@ def diagnosis_text(diagnosis: Diagnosis, errors: bool = False) -> list[str]:
     return lines
 
 
-def _no_causes(diagnosis: Diagnosis) -> list[str]:
+def _no_causes(diagnosis: Diagnosis, others: Sequence[str]) -> list[str]:
     """Return that nothing is unusual, and the ATE that has no explanation."""
     ate_m = diagnosis.errors_before.get(ATE, math.nan)
     return [
-        'nothing unusual' + ', apart from the warnings below' * bool(diagnosis.warnings),
+        'nothing unusual' + ', apart from the warnings below' * bool(others),
         f'   ATE {number(ate_m)} m: no known cause explains it.',
     ]
 

@@ -18,6 +18,7 @@ from vio_eval_ros.diagnosis.gyroscope import compare
 from vio_eval_ros.diagnosis.limits import DiagnosisLimits
 from vio_eval_ros.diagnosis.report import Diagnosis
 from vio_eval_ros.errors import ReadError
+from vio_eval_ros.recordings.agreement import assumed, settled
 from vio_eval_ros.recordings.imu import read_imu
 from vio_eval_ros.recordings.progress import Progress
 from vio_eval_ros.recordings.sources import Source
@@ -64,13 +65,17 @@ def diagnose_sources(
     :raises NoPairs: where there are too few poses, or the two sides have no time in common.
     :raises ConfigError: there is no such profile.
     """
+    estimate, ground_truth = settled(estimate, ground_truth, config)
     counts = {'estimate': Cleaning(), 'ground_truth': Cleaning()}
     poses = clean(estimate.poses, counts['estimate'])
     truth = clean(ground_truth.poses, counts['ground_truth'])
     diagnosis = diagnose(poses, truth, config, limits or DiagnosisLimits.of(profile))
     dropped = {side: count.dropped for side, count in counts.items()}
     diagnosis = replace(
-        diagnosis, profile=profile, findings=diagnosis.findings | {'dropped': dropped}
+        diagnosis,
+        profile=profile,
+        findings=diagnosis.findings | {'dropped': dropped},
+        assumed=assumed(estimate, ground_truth),
     )
     diagnosis = _without_stated_flags(
         {'estimate': estimate, 'ground_truth': ground_truth}, diagnosis

@@ -62,6 +62,7 @@ class Diagnosis:
     :param limits: what counted as healthy.
     :param profile: the platform that the limits are of.
     :param gyroscope: what a gyroscope says of the estimate, where one was given.
+    :param assumed: what was taken for granted when the sides were read, as sentences.
     """
 
     causes: tuple[Cause, ...]
@@ -74,11 +75,12 @@ class Diagnosis:
     limits: DiagnosisLimits = DEFAULT
     profile: str = PROFILES[0]
     gyroscope: GyroscopeComparison | None = None
+    assumed: tuple[str, ...] = ()
 
     @property
     def warnings(self) -> list[str]:
-        """What to know of these poses that is not a cause, as sentences."""
-        return warnings_of(self.findings, self.gyroscope, self.limits)
+        """What to know of these poses that is not a cause, as sentences; ``assumed`` first."""
+        return [*self.assumed, *warnings_of(self.findings, self.gyroscope, self.limits)]
 
     def errors(self) -> dict[str, dict[str, float | None]]:
         """Return each error before and after all causes are undone, by its name."""

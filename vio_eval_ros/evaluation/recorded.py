@@ -17,6 +17,7 @@ from vio_eval_ros.core.side import Side
 from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.errors import ConfigError, NoPairs
 from vio_eval_ros.evaluation.result import Input, Result
+from vio_eval_ros.recordings.agreement import assumed, settled
 from vio_eval_ros.recordings.sources import Source
 
 #: poses of the ground truth that a result keeps for drawing it
@@ -35,8 +36,10 @@ def score_run(
 
     :param hashed: whether to hash the files; only some reports show it.
     :raises NoPairs: no two stamps match; the message says why.
+    :raises ReadError: a side leaves open how it is to be read, and the two do not settle it.
     :raises ConfigError: poses whose orientations say nothing are to be moved to another frame.
     """
+    estimate, truth = settled(estimate, truth, config)
     _check_bodies(config, estimate.poses, truth.poses)
     evaluation = _evaluated(config, estimate.poses, truth.poses)
     causal = None
@@ -46,7 +49,8 @@ def score_run(
     associator = evaluation.associator
     if not len(summary.pairs):
         raise NoPairs(associator.why_no_pairs())
-    warnings = [*dict.fromkeys([*estimate.warnings, *truth.warnings]), *summary.warnings]
+    taken = assumed(estimate, truth)
+    warnings = [*taken, *summary.warnings]
     if _are_same(estimate.poses, truth.poses):
         warnings.append('the estimate and the ground truth are the same')
     return Result(
@@ -69,6 +73,7 @@ def score_run(
         summary=replace(summary, warnings=tuple(warnings)),
         verdicts=judge(gates, summary.metrics),
         truth=_outline(config, truth, associator.ground_truth),
+        assumed=taken,
     )
 
 

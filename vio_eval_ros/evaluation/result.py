@@ -106,6 +106,7 @@ class Result:
     :param series: stamp [ns] and running values of each second, for the reports that show them.
     :param truth: positions of the ground truth, evenly over the run, to draw it also where there
         are no pairs.
+    :param assumed: what was taken for granted when the inputs were read; the first warnings.
     """
 
     estimate: Input
@@ -115,6 +116,7 @@ class Result:
     verdicts: Sequence[Verdict] = ()
     series: Sequence[tuple[int, Mapping[str, float]]] = ()
     truth: Trajectory | None = None
+    assumed: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool | None:

@@ -29,10 +29,13 @@ class Reading(NamedTuple):
 
     :param statement: what settles it, as it is appended to a spec: 'quaternion=wxyz'.
     :param poses: what the file holds, read so.
+    :param usual: whether this is the rule of the layout, which holds where nothing shows
+        otherwise. Without a rule, and where the other side does not settle it, the user is asked.
     """
 
     statement: str
     poses: Poses
+    usual: bool = False
 
 
 def poses_of(
@@ -104,13 +107,13 @@ def _tum(
     """Return the poses of TUM's rows: seconds, quaternions x y z w."""
     unit = _unit(file, file.rows.likely_unit, 's', statements, notes)
     order = statements.get('quaternion') or _named_order(file)
-    if order is None and (file.has_commas or unit == 'ns'):
-        notes.append(
-            f'{file.path}: quaternions are read as x y z w; if the file has w x y z, append '
-            '?quaternion=wxyz'
-        )
     orders = (order,) if order else ('xyzw', 'wxyz')
-    return [Reading(f'quaternion={one}', _stamped(file, unit, one)) for one in orders]
+    # files with commas or nanoseconds are called TUM's as well, and come in both orders
+    is_tum = not file.has_commas and unit != 'ns'
+    return [
+        Reading(f'quaternion={one}', _stamped(file, unit, one), is_tum and one == 'xyzw')
+        for one in orders
+    ]
 
 
 def _unit(

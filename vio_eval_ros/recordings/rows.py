@@ -19,9 +19,9 @@ from vio_eval_ros.errors import ReadError
 
 #: the units of stamps, and how many decimals each has down to nanoseconds
 STAMP_UNITS = {'s': 9, 'ms': 6, 'us': 3, 'ns': 0}
-LATEST_S = 1e11  # a larger stamp (after the year 5138) is in a smaller unit
 #: within these, sums and differences of stamps fit into int64; it is the year 2116
 LATEST_NS = 1 << 62
+LATEST_S = LATEST_NS / 1e9  # a larger stamp is in a smaller unit
 INT64_MAX = (1 << 63) - 1
 EXACT = 1 << 53  # integers below it are exact as float64
 POWERS = 10.0 ** np.arange(23)  # those that are exact as float64

@@ -21,10 +21,11 @@ WORDS = {'pass': 'pass', 'warn': 'warn', 'fail': 'FAIL'}
 
 
 def text_report(result: Result) -> str:
-    """Return what was matched, how it was aligned, the errors, gates and warnings."""
+    """Return what was assumed and matched, how it was aligned, the errors, warnings and gates."""
     summary, found = result.summary, result.summary.association
     metrics, alignment = summary.metrics, summary.alignment
-    lines = [
+    lines = [f'warning: {sentence}' for sentence in result.assumed]
+    lines += [
         f'estimate      {_described(result.estimate)}',
         f'ground truth  {_described(result.ground_truth)}',
         f'matched       {found["pairs"]:,} pairs ({percent(found["matched_ratio"])} of the '
@@ -50,7 +51,7 @@ def text_report(result: Result) -> str:
         *_revisions(metrics),
         *_drift(metrics),
     ]
-    lines += [f'warning: {warning}' for warning in summary.warnings]
+    lines += [f'warning: {warning}' for warning in summary.warnings[len(result.assumed) :]]
     if result.verdicts:
         lines += [''] + [
             f'{WORDS[verdict.word]}  {verdict.gate}  (is {number(verdict.value)})'

@@ -1,0 +1,318 @@
+"""An estimate and its ground truth settle what the file of either leaves open, or it is asked."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from verbs import call, complaint, document
+from vio_eval_ros.core import rotation
+from vio_eval_ros.core.trajectory import Poses, Trajectory
+from vio_eval_ros.errors import ReadError
+from vio_eval_ros.recordings.agreement import alone, settled
+from vio_eval_ros.recordings.layouts import Reading
+from vio_eval_ros.recordings.sources import read_sources, Source
+from vio_eval_ros.simulation import simulate
+
+RUN = simulate(duration_s=20.0)
+TRUTH = RUN.ground_truth[::4]
+ORDERS = {'xyzw': [0, 1, 2, 3], 'wxyz': [3, 0, 1, 2]}
+
+
+def write(
+    path: Path,
+    poses: Trajectory,
+    *,
+    order: str = 'xyzw',
+    stamps: str = '{:.6f}',
+    unit: float = 1.0,
+    scale: float = 1.0,
+    comma: str = ' ',
+) -> Path:
+    """Write poses with stamps [s] relative to the first truth, times a unit, and no header."""
+    seconds = (poses.stamps_ns - TRUTH.stamps_ns[0]) / 1e9 * unit
+    rows = np.column_stack([scale * poses.positions, poses.rotations[:, ORDERS[order]]])
+    lines = (
+        comma.join([stamps.format(t), *(f'{v:.9f}' for v in row)]) + '\n'
+        for t, row in zip(seconds, rows, strict=True)
+    )
+    path.write_text(''.join(lines))
+    return path
+
+
+@pytest.fixture
+def files(tmp_path):
+    def written(estimate=None, truth=None):
+        write(tmp_path / 'est.txt', RUN.estimate, **estimate or {})
+        write(tmp_path / 'gt.txt', TRUTH, **truth or {})
+        return [
+            '--estimate', f'{tmp_path}/est.txt', '--ground-truth', f'{tmp_path}/gt.txt'
+        ]  # fmt: skip
+
+    return written
+
+
+@pytest.fixture
+def expected(files):
+    return document('replay', *files())['metrics']
+
+
+def same(found, expected):
+    for name in ('ate_trans_rmse_m', 'ate_rot_rmse_deg', 'rpe_1s_trans_rmse_m'):
+        assert found[name] == pytest.approx(expected[name], rel=1e-6), name
+    return True
+
+
+# -- the order of quaternions
+
+
+@pytest.mark.parametrize('comma', [' ', ',', '\t'])
+@pytest.mark.parametrize('order', ['xyzw', 'wxyz'])
+def test_the_order_of_an_estimate_is_settled_by_the_truth(files, expected, order, comma):
+    pair = files({'order': order, 'comma': comma})
+    found = document('replay', *pair)
+    assert same(found['metrics'], expected)
+    said = f'read with quaternion={order}, as the ground truth shows'
+    if (order, comma) in [('xyzw', ' '), ('xyzw', '\t')]:  # the rule of TUM
+        assert found['warnings'] == []
+    else:
+        assert said in found['warnings'][0]
+        assert f'est.txt?quaternion={order}' in found['warnings'][0]
+
+
+@pytest.mark.parametrize('alignment', ['none', 'sim3'])
+def test_the_order_of_a_truth_is_settled_by_the_estimate(files, alignment):
+    meant = document('replay', *files(), '--alignment', alignment)['metrics']
+    found = document('replay', *files(None, {'order': 'wxyz'}), '--alignment', alignment)
+    assert 'gt.txt: read with quaternion=wxyz, as the estimate shows' in found['warnings'][0]
+    assert same(found['metrics'], meant)
+
+
+@pytest.mark.slow
+def test_what_was_settled_is_the_first_line_of_every_verb(files):
+    pair = files({'order': 'wxyz'})
+    for verb in ('replay', 'diagnose'):
+        first = call(verb, *pair).stdout.splitlines()[0]
+        assert 'est.txt: read with quaternion=wxyz' in first
+    assert 'quaternion=wxyz' in document('diagnose', *pair)['warnings'][0]
+
+
+def test_two_files_of_another_order_are_not_both_turned_round(files):
+    # in one world and without a sensor rotation, both readings agree: the rule of TUM holds
+    found = document('replay', *files({'order': 'wxyz'}, {'order': 'wxyz'}))
+    assert found['metrics']['ate_trans_rmse_m'] > 0
+    assert document('replay', *files({'order': 'xyzw'}, {'order': 'xyzw'}))['warnings'] == []
+
+
+def test_of_two_files_without_a_rule_each_has_its_own_order(files, expected):
+    found = document('replay', *files({'order': 'wxyz', 'comma': ','}, {'comma': ','}))
+    assert same(found['metrics'], expected)
+    assert 'est.txt: read with quaternion=wxyz' in found['warnings'][0]
+    assert 'gt.txt: read with quaternion=xyzw' in found['warnings'][1]
+
+
+def test_what_is_stated_stays_and_is_contradicted(files):
+    pair = files({'order': 'wxyz'})
+    pair[1] += '?quaternion=xyzw'
+    found = document('replay', *pair)
+    assert 'quaternion=xyzw is stated, but not as the ground truth shows' in found['warnings'][0]
+    assert found['metrics']['ate_rot_rmse_deg'] > 30
+    pair[1] = pair[1].replace('xyzw', 'wxyz')
+    assert document('replay', *pair)['warnings'] == []
+
+
+def straight(poses: Trajectory) -> Trajectory:
+    return replace(poses, positions=poses.positions * [1.0, 0.0, 0.0])
+
+
+def test_what_is_not_settled_is_asked_with_both_specs(tmp_path):
+    estimate = write(tmp_path / 'est.csv', straight(RUN.estimate), comma=',')
+    truth = write(tmp_path / 'gt.txt', straight(TRUTH))
+    pair = ['--estimate', estimate, '--ground-truth', truth]
+    for verb in ('replay', 'diagnose'):
+        said = complaint(verb, *pair)
+        assert 'the order of its quaternions is open' in said
+        assert f'{estimate}?quaternion=xyzw or {estimate}?quaternion=wxyz' in said
+    # a layout with a rule keeps it
+    write(tmp_path / 'est.csv', straight(RUN.estimate))
+    assert call('replay', *pair).returncode == 0
+
+
+def test_a_truth_of_positions_needs_no_order(tmp_path):
+    estimate = write(tmp_path / 'est.csv', RUN.estimate, comma=',')
+    sources = read_sources([str(estimate)])
+    truth = Source(
+        'truth', 'arrays', (), Poses(TRUTH.stamps_ns - TRUTH.stamps_ns[0], TRUTH.positions)
+    )
+    one, _ = settled(sources[0], truth)
+    assert 'which nothing here confirms' in one.warnings[0]
+    assert one.readings == ()
+    assert 'which nothing here confirms' in alone(sources[0]).warnings[0]
+
+
+def readings_of(poses: Poses, written: str) -> tuple[Reading, ...]:
+    """Return both ways to read quaternions that were written in one order."""
+    row = poses.rotations[:, ORDERS[written]]
+    return (
+        Reading('quaternion=xyzw', replace(poses, rotations=row)),
+        Reading('quaternion=wxyz', replace(poses, rotations=np.roll(row, -1, axis=1))),
+    )
+
+
+@pytest.mark.slow
+@settings(max_examples=40, deadline=None)
+@given(
+    written=st.sampled_from(list(ORDERS)),
+    world=st.tuples(*[st.floats(-3, 3)] * 3),
+    sensor=st.tuples(*[st.floats(-3, 3)] * 3),
+    scale=st.floats(0.2, 90.0),
+)
+def test_worlds_sensors_and_scales_do_not_matter_to_the_order(written, world, sensor, scale):
+    to_world, of_sensor = (rotation.from_rotation_vector(np.array(v)) for v in (world, sensor))
+    moved = replace(
+        RUN.estimate,
+        positions=scale * rotation.rotate(to_world, RUN.estimate.positions) + 5.0,
+        rotations=rotation.multiply(
+            to_world, rotation.multiply(RUN.estimate.rotations, of_sensor)
+        ),
+    )
+    ways = readings_of(moved, written)
+    truth = Source('truth', 'arrays', (), RUN.ground_truth)
+    try:
+        one, _ = settled(Source('est.csv', 'tum', (), ways[0].poses, readings=ways), truth)
+    except ReadError as error:
+        assert 'is open' in str(error) or 'positions in' in str(error)  # noqa: PT017
+    else:
+        assert f'read with quaternion={written}' in one.warnings[0]
+        assert np.abs(one.poses.rotations - moved.rotations).max() < 1e-12
+
+
+# -- the unit of stamps
+
+
+@pytest.mark.parametrize('form', ['{:.0f}', '{:.1f}', '{:.6f}'])
+@pytest.mark.parametrize(('name', 'unit'), [('ms', 1e3), ('us', 1e6), ('ns', 1e9)])
+@pytest.mark.parametrize('side', [0, 1])
+def test_the_unit_of_relative_stamps_is_settled(files, expected, name, unit, form, side):
+    if name == 'ms' and form == '{:.0f}':
+        form = '{:.2f}'  # whole milliseconds would move the poses
+    how = [None, None]
+    how[side] = {'unit': unit, 'stamps': form}
+    found = document('replay', *files(*how))
+    assert found['metrics']['ate_trans_rmse_m'] == pytest.approx(
+        expected['ate_trans_rmse_m'], rel=1e-4
+    )
+    path = ('est.txt', 'gt.txt')[side]
+    (said,) = (w for w in found['warnings'] if f'{path}: stamps are read as {name}, as the' in w)
+    assert f'{path}?stamps={name}' in said
+
+
+def test_a_diagnosis_settles_the_unit_of_stamps_too(files):
+    first = call('diagnose', *files({'unit': 1e6, 'stamps': '{:.0f}'})).stdout.splitlines()[0]
+    assert 'stamps are read as us' in first
+
+
+def test_a_stated_unit_of_stamps_is_kept(files):
+    pair = files({'unit': 1e3})
+    pair[1] += '?stamps=s'
+    assert document('replay', *pair)['association']['pairs'] == 1
+    pair[1] = pair[1].replace('stamps=s', 'stamps=ms')
+    assert document('replay', *pair)['warnings'] == []
+
+
+def test_another_unit_on_another_clock_is_asked(tmp_path, files):
+    pair = files({'unit': 1e3})
+    late = replace(TRUTH, stamps_ns=TRUTH.stamps_ns + 1_700_000_000 * 10**9)
+    write(tmp_path / 'gt.txt', late)
+    assert 'est.txt?stamps=ms' in complaint('replay', *pair)
+
+
+def test_milliseconds_on_both_sides_are_asked(files):
+    sparse = {'unit': 1e6, 'stamps': '{:.0f}'}
+    said = complaint('replay', *files(sparse, sparse))
+    assert 'are its stamps in seconds?' in said
+    assert 'gt.txt?stamps=us' in said
+
+
+def test_a_short_estimate_of_a_long_truth_is_in_seconds(files, expected):
+    long = document('replay', *files(), '--start-s', '5', '--end-s', '7')
+    assert not [w for w in long['warnings'] if 'stamps' in w]
+
+
+@pytest.mark.parametrize('first', [0, 1])
+@pytest.mark.parametrize('verb', ['replay', 'diagnose'])
+@pytest.mark.parametrize('epoch', [0, 1_700_000_000])
+def test_frame_numbers_are_named(tmp_path, files, verb, first, epoch):
+    pair = files()
+    rows = (tmp_path / 'est.txt').read_text().splitlines()
+    lines = (f'{k} {row.split(" ", 1)[1]}\n' for k, row in enumerate(rows, first))
+    (tmp_path / 'est.txt').write_text(''.join(lines))
+    write(tmp_path / 'gt.txt', replace(TRUTH, stamps_ns=TRUTH.stamps_ns + epoch * 10**9))
+    said = complaint(verb, *pair)
+    assert f'its stamps {first}, {first + 1}, {first + 2} ... are frame numbers' in said
+    assert '--times' in said
+
+
+def test_frame_numbers_on_both_sides_are_said(tmp_path):
+    for name, poses in (('est.txt', RUN.ground_truth), ('gt.txt', RUN.ground_truth)):
+        counted = replace(
+            poses, stamps_ns=TRUTH.stamps_ns[0] + np.arange(len(poses), dtype=np.int64) * 10**9
+        )
+        write(tmp_path / name, counted[:500], stamps='{:.0f}')
+    pair = ['--estimate', tmp_path / 'est.txt', '--ground-truth', tmp_path / 'gt.txt']
+    assert 'frame numbers' in document('replay', *pair)['warnings'][0]
+
+
+def test_a_truth_of_one_pose_a_second_is_no_count(tmp_path, files):
+    pair = files()
+    write(tmp_path / 'gt.txt', RUN.ground_truth[::200], stamps='{:.0f}')
+    assert not [w for w in document('replay', *pair)['warnings'] if 'stamps' in w]
+
+
+# -- the unit of positions
+
+
+@pytest.mark.parametrize(('unit', 'scale'), [('mm', 1000.0), ('cm', 100.0)])
+@pytest.mark.parametrize('side', [0, 1])
+def test_positions_in_another_unit_are_refused_with_what_to_write(
+    files, expected, unit, scale, side
+):
+    how = [None, None]
+    how[side] = {'scale': scale}
+    pair = files(*how)
+    for verb in ('replay', 'diagnose'):
+        said = complaint(verb, *pair)
+        assert f'positions in {unit}?' in said
+        assert f'{pair[2 * side + 1]}?unit={unit}' in said
+    pair[2 * side + 1] += f'?unit={unit}'
+    found = document('replay', *pair)
+    assert found['metrics']['ate_trans_rmse_m'] == pytest.approx(
+        expected['ate_trans_rmse_m'], rel=1e-6
+    )
+    assert found['warnings'] == []
+
+
+def test_a_scale_that_is_fitted_or_stated_is_only_said(files):
+    pair = files({'scale': 1000.0})
+    found = document('replay', *pair, '--alignment', 'sim3')
+    assert 'positions in mm?' in found['warnings'][0]
+    pair[1] += '?unit=m'
+    assert 'positions in mm?' in document('replay', *pair)['warnings'][0]
+
+
+@pytest.mark.parametrize('scale', [0.3, 7.0, 95.0, 1 / 90, 0.02, 1 / 900, 800.0])
+def test_the_scale_of_a_monocular_estimate_is_no_unit(files, scale):
+    found = document('replay', *files({'scale': scale}))
+    assert not [w for w in found['warnings'] if 'positions in' in w]
+
+
+def test_an_estimate_of_another_path_has_no_unit(tmp_path, files):
+    pair = files()
+    other = simulate(duration_s=20.0, seed=9).estimate
+    noise = np.random.default_rng(1).normal(size=other.positions.shape)
+    wild = replace(other, stamps_ns=RUN.estimate.stamps_ns[: len(other)], positions=900 * noise)
+    write(tmp_path / 'est.txt', wild)
+    assert call('replay', *pair).returncode == 0
