@@ -23,6 +23,8 @@ GEO = ['pymap3d']
 IMAGES = ['Pillow']
 IMU = ['allantools', 'matplotlib', 'plotly']
 PANDAS = ['pandas']
+# its fields have said whether they are repeated since then
+PROTOBUF = ['protobuf>=6.31']
 REPORT = ['plotly']
 # ROS 2 Jazzy where none is installed; rclpy does not start without the second
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-rmw-fastrtps-cpp', 'ros-jazzy-common-interfaces']
@@ -96,6 +98,7 @@ setup(
         'images': IMAGES,
         'imu': IMU,
         'pandas': PANDAS,
+        'protobuf': PROTOBUF,
         'report': REPORT,
         'ros': ROS,
         'test': [
@@ -103,6 +106,7 @@ setup(
             *IMAGES,
             *IMU,
             *PANDAS,
+            *PROTOBUF,
             *REPORT,
             *ROS,
             'build',
@@ -127,6 +131,7 @@ setup(
             'scipy>=1.15',
             'twine',
             'types-PyYAML',
+            'types-protobuf',
             'types-tabulate',
             'types-tqdm',
             'wheel',

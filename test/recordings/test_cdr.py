@@ -47,7 +47,7 @@ def serialise(form, message, msgtype):
 def deserialised(form, raw, msgtype):
     """Return the columns of serialised messages by way of rosbags and the converters."""
     read = ROS1.deserialize_ros1 if form == 'ros1' else ROS2.deserialize_cdr
-    convert = messages.CONVERTERS[msgtype]
+    convert = messages.CONVERTERS[msgtype].rows
     return messages.columns([row for each in raw for row in convert(read(each, msgtype))])
 
 

@@ -16,7 +16,7 @@ from vio_eval_ros.core.gates import Gate, judge, SEVERITIES
 from vio_eval_ros.diagnosis.causes import CAUSES
 from vio_eval_ros.diagnosis.report import Cause, Diagnosis
 from vio_eval_ros.live.snapshot import RunState, Snapshot, TopicState
-from vio_eval_ros.recordings.messages import CONVERTERS
+from vio_eval_ros.recordings.messages import STREAMED
 from vio_eval_ros.rendering.text import number
 
 #: share of the ground truth that was tracked, below which there is a warning
@@ -246,7 +246,7 @@ def counted(count: int, noun: str) -> str:
 def _publisher_problem(topic: TopicState) -> str:
     """Return what is wrong with the number or the types of the publishers."""
     listed = ' and '.join(topic.published_types)
-    scorable = [msgtype for msgtype in topic.published_types if msgtype in CONVERTERS]
+    scorable = [msgtype for msgtype in topic.published_types if msgtype in STREAMED]
     if listed and not scorable:
         return f'{topic.topic} carries {listed}, which has no pose that can be scored'
     if len(scorable) > 1 and not topic.msgtype:

@@ -40,8 +40,9 @@ LAYOUTS = {
 def decode(
     msgtype: str, messages: Sequence[bytes], ros1: bool
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return the stamps and numbers of messages of a type in LAYOUTS; None if unusual."""
-    return columns(LAYOUTS[msgtype], messages, ros1)
+    """Return the stamps and numbers of messages; None if their type is not here, or unusual."""
+    layout = LAYOUTS.get(msgtype)
+    return columns(layout, messages, ros1) if layout else None
 
 
 def columns(

@@ -12,7 +12,7 @@ from types import TracebackType
 from typing import TypeVar
 
 from vio_eval_ros.recordings.compression import decompressed_message, ZSTD_MAGIC
-from vio_eval_ros.recordings.messages import CONVERTERS
+from vio_eval_ros.recordings.messages import Converter, CONVERTERS
 from vio_eval_ros.recordings.rosbag2_folder import Folder, storage_files
 from vio_eval_ros.recordings.sqlite_storage import journals
 from vio_eval_ros.recordings.storage import Channel, merged, OfferedQos, Recorded
@@ -36,8 +36,14 @@ class Topic:
 
     @property
     def has_pose(self) -> bool:
-        """Whether each message can be scored as it is; one of a TF topic needs two frames."""
-        return self.msgtype in CONVERTERS
+        """Whether each message is known to have one pose; one of a TF topic needs two frames."""
+        return isinstance(CONVERTERS.get(self.msgtype), Converter)
+
+    @property
+    def has_usual_pose(self) -> bool:
+        """Whether it is of a type that odometry and ground truth usually come in."""
+        converter = CONVERTERS.get(self.msgtype)
+        return isinstance(converter, Converter) and converter.is_usual
 
 
 class Container:

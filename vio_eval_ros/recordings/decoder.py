@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cached_property
+import json
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 from rosbags.interfaces import Nodetype
 
-from vio_eval_ros.errors import ReadError
+from vio_eval_ros.errors import ReadError, UnsupportedMessage
 from vio_eval_ros.recordings import cdr, messages
-from vio_eval_ros.recordings.messages import CONVERTERS, PATH
+from vio_eval_ros.recordings.definitions import converter_of, Field, Fields, NUMBER, TEXT
+from vio_eval_ros.recordings.messages import ArrayConverter, Converter, CONVERTERS, PATH
+from vio_eval_ros.recordings.rosbags_internals import Typestore
 from vio_eval_ros.recordings.storage import Channel, standard_types
 from vio_eval_ros.recordings.storage_files import reading
+from vio_eval_ros.recordings.transforms import as_transforms, FOXGLOVE_TF
 
 HEADER = 'std_msgs/msg/Header'
 BLOCK_BYTES = 4 << 20  # decoded at once; larger blocks are not faster
@@ -22,20 +29,42 @@ class Decoder:
     """
     Turns the raw bytes of one topic into messages, or into columns of numbers.
 
-    ``ros1`` says how they are serialised, ``is_standard`` whether their type is defined as in ROS,
-    ``is_known`` whether it is defined at all, and ``has_header`` whether they begin with a header.
+    ``is_ros`` says whether they are serialised as in ROS, ``ros1`` whether as in ROS 1,
+    ``is_standard`` whether their type is defined as in ROS, ``is_known`` whether it is defined at
+    all, and ``has_header`` whether they begin with a header.
+
+    :raises ReadError: another serialisation, a definition that is damaged.
     """
 
     def __init__(self, source: str, channel: Channel) -> None:
-        if channel.encoding not in ('cdr', 'ros1'):
-            raise ReadError(
-                source, f'is serialised as {channel.encoding!r}; only cdr and ros1 can be read'
-            )
-        types = channel.types()
         self.source = source
         self.msgtype = channel.msgtype
+        self.is_ros = channel.encoding in ('cdr', 'ros1')
         self.ros1 = channel.encoding == 'ros1'
-        self._function = types.deserialize_ros1 if self.ros1 else types.deserialize_cdr
+        self.is_standard = self.has_header = self.is_known = False
+        self._fields: Fields = lambda name: {}
+        self._function: Callable[[bytes], Any]
+        if self.is_ros:
+            self._of_ros(channel)
+        elif channel.encoding == 'json':
+            self._function = _from_json
+        elif channel.encoding == 'protobuf':
+            from vio_eval_ros.recordings.protobuf import message_class
+
+            kind, self._fields = message_class(source, channel)
+            self.is_known = True
+            self._function = kind.FromString
+        else:
+            raise ReadError(
+                source,
+                f'is not read ({channel.encoding or "no encoding"}); what is read is cdr, ros1, '
+                'json and protobuf',
+            )
+
+    def _of_ros(self, channel: Channel) -> None:
+        types = channel.types()
+        function = types.deserialize_ros1 if self.ros1 else types.deserialize_cdr
+        self._function = lambda message: function(message, self.msgtype)
         standard = standard_types(self.ros1)
         self.is_standard = self.msgtype in standard.fielddefs and (
             types.hash_rihs01(self.msgtype) == standard.hash_rihs01(self.msgtype)
@@ -43,13 +72,38 @@ class Decoder:
         self.is_known = self.msgtype in types.fielddefs
         _, fields = types.fielddefs.get(self.msgtype, ((), []))
         self.has_header = bool(fields) and fields[0][1] == (Nodetype.NAME, HEADER)
+        self._fields = lambda name: _fields_of(types, name)
+
+    @cached_property
+    def converter(self) -> Converter | ArrayConverter:
+        """
+        How the poses in the messages are read.
+
+        :raises UnsupportedMessage: they have none, or it is not known where.
+        """
+        if self.is_ros and not self.is_known:
+            raise UnsupportedMessage(
+                self.source,
+                f'{self.msgtype} is not read: the recording has no definition of it; rosbag2 '
+                'stores definitions in mcap (`ros2 bag convert`), and newer ones in SQLite too',
+            )
+        if self.msgtype in CONVERTERS:
+            return CONVERTERS[self.msgtype]
+        if not self.is_known:
+            raise UnsupportedMessage(
+                self.source,
+                f'{self.msgtype} is not read (json): of JSON, foxglove.PoseInFrame, '
+                'foxglove.FrameTransform and messages with the type names of ROS are',
+            )
+        return converter_of(self.source, self.msgtype, self._fields)
 
     def deserialize(self, message: bytes) -> Any:
         """Return one message."""
-        return self._function(message, self.msgtype)
+        content = self._function(message)
+        return as_transforms(content) if self.msgtype in FOXGLOVE_TF else content
 
     def columns(self, block: list[bytes]) -> tuple[np.ndarray, np.ndarray]:
-        """Return the stamps and numbers of the poses in many messages."""
+        """Return the stamps and numbers of the poses in many messages that have one each."""
         if self.is_standard:
             fast = (
                 cdr.decode_path(block[0], self.ros1)
@@ -58,10 +112,44 @@ class Decoder:
             )
             if fast is not None:
                 return fast
-        convert = CONVERTERS[self.msgtype]
+        converter = self.converter
+        assert isinstance(converter, Converter)
+        with self.reading():
+            return messages.columns(
+                [row for message in block for row in converter.rows(self.deserialize(message))]
+            )
+
+    @contextmanager
+    def reading(self) -> Iterator[None]:
+        """Turn what goes wrong while messages are converted into a ``ReadError``."""
         with reading(self.source):
-            rows = [row for message in block for row in convert(self.deserialize(message))]
-        return messages.columns(rows)
+            try:
+                yield
+            except AttributeError as error:
+                raise ReadError(
+                    self.source,
+                    f'{self.msgtype} is not read: here it is defined otherwise than usual '
+                    f'({error})',
+                ) from None
+
+
+def _from_json(message: bytes) -> Any:
+    """Return JSON with its objects' members as attributes."""
+    return json.loads(message, object_hook=lambda members: SimpleNamespace(**members))
+
+
+def _fields_of(types: Typestore, msgtype: str) -> Mapping[str, Field]:
+    """Return the fields of a message type of ROS; none where it is not known."""
+    return {name: _field(kind) for name, kind in types.fielddefs.get(msgtype, ((), ()))[1]}
+
+
+def _field(kind: Any) -> Field:
+    node, argument = kind
+    if node == Nodetype.NAME:
+        return Field(argument)
+    if node == Nodetype.BASE:
+        return Field(TEXT if argument[0] in ('string', 'wstring') else NUMBER)
+    return Field(_field(argument[0]).type, is_list=True)
 
 
 class Blocks:

@@ -40,6 +40,40 @@ def east_north_up(
     return positions, origin
 
 
+class Projection:
+    """Projects the positions of a stream, part by part, around its first place."""
+
+    def __init__(self) -> None:
+        self._origin: np.ndarray | None = None
+        self._count = self._nowhere = 0
+
+    def __call__(self, numbers: np.ndarray) -> np.ndarray:
+        """
+        Return (N, M) numbers with positions [m] for latitude, longitude and height.
+
+        What is no place becomes NaN, and is counted; so does 0, 0, which receivers without a fix
+        send.
+        """
+        is_set = np.any(numbers[:, :2], axis=1, keepdims=True)
+        geodetic = np.where(is_set, numbers[:, :3], np.nan)
+        positions, origin = east_north_up(geodetic, self._origin)
+        if np.isfinite(origin).all():
+            self._origin = origin
+        self._count += len(numbers)
+        self._nowhere += int(np.count_nonzero(~np.isfinite(positions).all(axis=1)))
+        return np.hstack([positions, numbers[:, 3:]])
+
+    def notes(self) -> list[str]:
+        """Return what has been done, in sentences."""
+        found = [] if self._origin is None else [projected(self._origin)]
+        if self._nowhere:
+            found.append(
+                f'{self._nowhere} of {self._count} messages have no fix, or no latitude, '
+                'longitude and altitude; they are dropped'
+            )
+        return found
+
+
 def are_places(geodetic: np.ndarray) -> np.ndarray:
     """Return which rows of (N, 3) latitude, longitude and height can be places on the earth."""
     in_range = (np.abs(geodetic[:, :2]) <= LARGEST_DEG).all(axis=1)

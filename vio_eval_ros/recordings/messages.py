@@ -1,83 +1,270 @@
 """
-ROS messages to poses.
+Messages to poses.
 
-The messages may come from rclpy or from rosbags: both have the same fields, and neither is
-imported here. A further message type is one function and one line in :data:`CONVERTERS`.
+The messages may come from rclpy, rosbags, JSON or protobuf: all have the same fields, and none of
+these is imported here. A further message type is a line in :data:`CONVERTERS`; where
+the definition of a type shows its one pose, it needs none, see
+:mod:`~vio_eval_ros.recordings.definitions`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass
+from typing import Any, Protocol
 
 import numpy as np
 
 from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.errors import ReadError
+from vio_eval_ros.recordings import px4
+from vio_eval_ros.recordings.geographic import Projection
 
 PATH = 'nav_msgs/msg/Path'
+NO_FIX = -1  # the status of a NavSatFix and of a GPSFix
 
-# The stamp [ns] and the numbers of a pose: the position, then the quaternion x y z w and then the
-# row-major 6 x 6 covariance, where the message has them.
-Row = tuple[int, tuple[float, ...]]
-
-
-def _stamp_ns(header: Any) -> int:
-    return int(header.stamp.sec * 1_000_000_000 + header.stamp.nanosec)
-
-
-def _pose(pose: Any) -> tuple[float, ...]:
-    p, q = pose.position, pose.orientation
-    return p.x, p.y, p.z, q.x, q.y, q.z, q.w
+# The numbers of a pose: the position, then the quaternion x y z w and then the row-major 6 x 6
+# covariance, where the message has them.
+Numbers = tuple[float, ...]
+# The stamp [ns] and the numbers of a pose.
+Row = tuple[int, Numbers]
 
 
-def from_pose_stamped(message: Any) -> list[Row]:
-    """Return the pose of a PoseStamped."""
-    return [(_stamp_ns(message.header), _pose(message.pose))]
+class Adjustment(Protocol):
+    """What makes poses in metres of the numbers of a stream, part by part."""
+
+    def __call__(self, numbers: np.ndarray) -> np.ndarray:
+        """Return the numbers of poses for further (N, M) numbers of a message type."""
+
+    def notes(self) -> list[str]:
+        """Return what has been done, in sentences."""
 
 
-def from_pose_with_covariance(message: Any) -> list[Row]:
-    """Return the pose of an Odometry or a PoseWithCovarianceStamped, with its covariance."""
-    pose = message.pose
-    return [(_stamp_ns(message.header), (*_pose(pose.pose), *pose.covariance))]
+@dataclass(frozen=True)
+class Converter:
+    """
+    How the poses in a message of one type are read.
+
+    :param rows: of a message; the stamps are 0 where the type has none.
+    :param is_stamped: whether the type has a stamp.
+    :param adjustment: makes poses of the numbers, where they are not yet.
+    :param is_usual: whether the type is one that odometry and ground truth usually come in.
+    :param from_boot: whether stamps may count from the start of a device.
+    :param notes: what was taken for granted, in sentences.
+    """
+
+    rows: Callable[[Any], list[Row]]
+    is_stamped: bool = True
+    adjustment: Callable[[], Adjustment] | None = None
+    is_usual: bool = False
+    from_boot: bool = False
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class ArrayConverter:
+    """
+    How one of the poses in a message of one type is read.
+
+    :param elements: the names (or indices) of the poses in a message, and what has their numbers.
+    :param numbers: of an element.
+    :param stamp_ns: of a message; None where the type has no stamp.
+    :param notes: what was taken for granted, in sentences.
+    """
+
+    elements: Callable[[Any], Iterable[tuple[str, Any]]]
+    numbers: Callable[[Any], Numbers]
+    stamp_ns: Callable[[Any], int] | None
+    notes: tuple[str, ...] = ()
+
+
+def stamp_ns(stamp: Any) -> int:
+    """Return a stamp of ROS, JSON or protobuf in nanoseconds."""
+    if hasattr(stamp, 'nanosec'):
+        return int(stamp.sec * 1_000_000_000 + stamp.nanosec)
+    if hasattr(stamp, 'nsec'):
+        return int(stamp.sec * 1_000_000_000 + stamp.nsec)
+    return int(stamp.seconds * 1_000_000_000 + stamp.nanos)
+
+
+def header_ns(message: Any) -> int:
+    """Return the stamp in the header of a message."""
+    return stamp_ns(message.header.stamp)
+
+
+def xyz(vector: Any) -> Numbers:
+    """Return the components of a vector."""
+    return vector.x, vector.y, vector.z
+
+
+def xyzw(quaternion: Any) -> Numbers:
+    """Return the components of a quaternion."""
+    return quaternion.x, quaternion.y, quaternion.z, quaternion.w
+
+
+def pose_numbers(pose: Any) -> Numbers:
+    """Return the numbers of a Pose."""
+    return (*xyz(pose.position), *xyzw(pose.orientation))
+
+
+def transform_numbers(transform: Any) -> Numbers:
+    """Return the numbers of a Transform."""
+    return (*xyz(transform.translation), *xyzw(transform.rotation))
+
+
+def covariant_numbers(pose: Any) -> Numbers:
+    """Return the numbers of a PoseWithCovariance."""
+    return (*pose_numbers(pose.pose), *pose.covariance)
+
+
+def geographic_numbers(position: Any) -> Numbers:
+    """Return latitude and longitude [deg] and altitude [m]."""
+    return position.latitude, position.longitude, position.altitude
+
+
+def geographic_pose_numbers(pose: Any) -> Numbers:
+    """Return the numbers of a GeoPose."""
+    return (*geographic_numbers(pose.position), *xyzw(pose.orientation))
+
+
+def fix_numbers(fix: Any) -> Numbers:
+    """Return where a satellite fix is; NaN where its status says that there is none (-1)."""
+    status = getattr(fix, 'status', None)
+    if status is not None and status.status == NO_FIX:
+        return np.nan, np.nan, np.nan
+    return geographic_numbers(fix)
 
 
 def from_transform_stamped(message: Any) -> list[Row]:
     """Return the pose of the child frame in the frame of the header."""
-    t, q = message.transform.translation, message.transform.rotation
-    return [(_stamp_ns(message.header), (t.x, t.y, t.z, q.x, q.y, q.z, q.w))]
-
-
-def from_point_stamped(message: Any) -> list[Row]:
-    """Return the position of a PointStamped; it has no rotation."""
-    p = message.point
-    return [(_stamp_ns(message.header), (p.x, p.y, p.z))]
+    return [(header_ns(message), transform_numbers(message.transform))]
 
 
 def from_path(message: Any) -> list[Row]:
     """Return the poses of a Path, each with the stamp of its own header."""
-    return [row for pose in message.poses for row in from_pose_stamped(pose)]
+    return [(header_ns(pose), pose_numbers(pose.pose)) for pose in message.poses]
 
 
-CONVERTERS: dict[str, Callable[[Any], list[Row]]] = {
-    'nav_msgs/msg/Odometry': from_pose_with_covariance,
-    'geometry_msgs/msg/PoseStamped': from_pose_stamped,
-    'geometry_msgs/msg/PoseWithCovarianceStamped': from_pose_with_covariance,
-    'geometry_msgs/msg/TransformStamped': from_transform_stamped,
-    'geometry_msgs/msg/PointStamped': from_point_stamped,
-    PATH: from_path,
+def _usual(field: str, numbers: Callable[[Any], Numbers]) -> Converter:
+    """Return how a message with a header and one field is read."""
+    return Converter(
+        lambda message: [(header_ns(message), numbers(getattr(message, field)))], is_usual=True
+    )
+
+
+def _unstamped(numbers: Callable[[Any], Numbers]) -> Converter:
+    """Return how a message that has no header is read."""
+    return Converter(lambda message: [(0, numbers(message))], is_stamped=False)
+
+
+def _geographic(field: str, numbers: Callable[[Any], Numbers]) -> Converter:
+    """Return how a message with a header and a field in latitude and longitude is read."""
+    return Converter(
+        lambda message: [(header_ns(message), numbers(getattr(message, field)))],
+        adjustment=Projection,
+    )
+
+
+def _of_px4(
+    numbers: Callable[[Any], Numbers], adjustment: Callable[[], Adjustment] = px4.Upright
+) -> Converter:
+    """Return how a message of PX4 is read."""
+    return Converter(
+        lambda message: [(px4.stamp_ns(message), numbers(message))],
+        adjustment=adjustment,
+        from_boot=True,
+    )
+
+
+_FIX = Converter(lambda fix: [(header_ns(fix), fix_numbers(fix))], adjustment=Projection)
+CONVERTERS: dict[str, Converter | ArrayConverter] = {
+    'nav_msgs/msg/Odometry': _usual('pose', covariant_numbers),
+    'geometry_msgs/msg/PoseStamped': _usual('pose', pose_numbers),
+    'geometry_msgs/msg/PoseWithCovarianceStamped': _usual('pose', covariant_numbers),
+    'geometry_msgs/msg/TransformStamped': Converter(from_transform_stamped, is_usual=True),
+    'geometry_msgs/msg/PointStamped': _usual('point', xyz),
+    PATH: Converter(from_path, is_usual=True),
+    'geometry_msgs/msg/Pose': _unstamped(pose_numbers),
+    'geometry_msgs/msg/PoseWithCovariance': _unstamped(covariant_numbers),
+    'geometry_msgs/msg/Transform': _unstamped(transform_numbers),
+    'geometry_msgs/msg/Point': _unstamped(xyz),
+    'geometry_msgs/msg/PoseArray': ArrayConverter(
+        lambda message: _numbered(message.poses), pose_numbers, header_ns
+    ),
+    'motion_capture_tracking_interfaces/msg/NamedPoseArray': ArrayConverter(
+        lambda message: ((one.name, one.pose) for one in message.poses), pose_numbers, header_ns
+    ),
+    'mocap4r2_msgs/msg/RigidBodies': ArrayConverter(
+        lambda message: ((one.rigid_body_name, one.pose) for one in message.rigidbodies),
+        pose_numbers,
+        header_ns,
+    ),
+    'gazebo_msgs/msg/ModelStates': ArrayConverter(
+        lambda message: zip(message.name, message.pose, strict=True), pose_numbers, None
+    ),
+    'gazebo_msgs/msg/LinkStates': ArrayConverter(
+        lambda message: zip(message.name, message.pose, strict=True), pose_numbers, None
+    ),
+    'sensor_msgs/msg/NavSatFix': _FIX,
+    'gps_msgs/msg/GPSFix': _FIX,
+    'gps_common/msg/GPSFix': _FIX,
+    'geographic_msgs/msg/GeoPointStamped': _geographic('position', geographic_numbers),
+    'geographic_msgs/msg/GeoPoseStamped': _geographic('pose', geographic_pose_numbers),
+    'px4_msgs/msg/VehicleOdometry': _of_px4(px4.odometry_numbers),
+    'px4_msgs/msg/VehicleLocalPosition': _of_px4(px4.local_position_numbers),
+    'px4_msgs/msg/VehicleGlobalPosition': _of_px4(px4.global_position_numbers, Projection),
+    'foxglove.PoseInFrame': Converter(
+        lambda message: [(stamp_ns(message.timestamp), pose_numbers(message.pose))]
+    ),
+    'foxglove.PosesInFrame': ArrayConverter(
+        lambda message: _numbered(message.poses),
+        pose_numbers,
+        lambda message: stamp_ns(message.timestamp),
+    ),
+    'foxglove.LocationFix': Converter(
+        lambda fix: [(stamp_ns(fix.timestamp), geographic_numbers(fix))], adjustment=Projection
+    ),
 }
+# with one pose in a message that is ready to be scored when it arrives
+STREAMED = tuple(
+    name
+    for name, converter in CONVERTERS.items()
+    if isinstance(converter, Converter) and converter.is_stamped and not name.startswith('fox')
+)
+USUAL = tuple(
+    name
+    for name, converter in CONVERTERS.items()
+    if isinstance(converter, Converter) and converter.is_usual
+)
 
 
-def collect(msgtype: str, messages: Iterable[Any]) -> Poses:
+def _numbered(elements: Iterable[Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the elements of a list with their indices."""
+    return ((str(k), one) for k, one in enumerate(elements))
+
+
+def adjustment_of(msgtype: str) -> Adjustment | None:
+    """Return what makes poses of the numbers of a new stream; None where they are that already."""
+    converter = CONVERTERS[msgtype]
+    assert isinstance(converter, Converter)
+    return converter.adjustment() if converter.adjustment else None
+
+
+def collect(msgtype: str, messages: Iterable[Any], adjustment: Adjustment | None = None) -> Poses:
     """
     Return the poses of messages of one type, in the order in which they arrived.
 
-    :param msgtype: a key of :data:`CONVERTERS`; the poses of several Paths are concatenated,
-        for :class:`PathRevisions` to make one trajectory of.
+    :param msgtype: of :data:`STREAMED`; the poses of several Paths are concatenated, for
+        :class:`PathRevisions` to make one trajectory of.
+    :param adjustment: that of earlier messages of the stream.
     """
-    convert = CONVERTERS[msgtype]
-    return poses(*columns([row for message in messages for row in convert(message)]))
+    converter = CONVERTERS[msgtype]
+    assert isinstance(converter, Converter)
+    stamps, numbers = columns([row for message in messages for row in converter.rows(message)])
+    adjust = adjustment or adjustment_of(msgtype)
+    if adjust and len(stamps):
+        numbers = adjust(numbers)
+    return poses(stamps, numbers)
 
 
 def columns(rows: list[Row]) -> tuple[np.ndarray, np.ndarray]:

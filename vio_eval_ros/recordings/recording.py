@@ -2,40 +2,28 @@
 
 from __future__ import annotations
 
-from array import array
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+import re
 from typing import NamedTuple
 
 import numpy as np
 
 from vio_eval_ros.core.trajectory import Poses
-from vio_eval_ros.errors import ConfigError, ReadError, UnsupportedMessage
-from vio_eval_ros.recordings import messages
+from vio_eval_ros.errors import ReadError, UnsupportedMessage
 from vio_eval_ros.recordings.container import Container, Topic
-from vio_eval_ros.recordings.decoder import Blocks, Decoder
-from vio_eval_ros.recordings.messages import PATH, PathRevisions
+from vio_eval_ros.recordings.decoder import Decoder
+from vio_eval_ros.recordings.messages import ArrayConverter, CONVERTERS
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.storage_files import reading
-from vio_eval_ros.recordings.transforms import static_topics, TF_TYPES, TransformTree
+from vio_eval_ros.recordings.topic_poses import by_recording, collector_of, TopicPoses
+from vio_eval_ros.recordings.transforms import static_topics, TransformTree, TREE_TYPES
+
+ELEMENT = re.compile(r'(/.*?)\[(.*)\]')
 
 # Takes the time [ns] at which a message was recorded, and its bytes.
 Sink = Callable[[int, bytes], None]
-
-
-class TopicPoses(NamedTuple):
-    """
-    The poses of a topic or transform.
-
-    :param poses: as last revised, where the topic revises them.
-    :param causal: as first published; None where the topic revises nothing.
-    :param warnings: what was taken for granted, in sentences.
-    """
-
-    poses: Poses
-    causal: Poses | None = None
-    warnings: tuple[str, ...] = ()
 
 
 class Wanted(NamedTuple):
@@ -43,20 +31,30 @@ class Wanted(NamedTuple):
     What is to be read of a recording.
 
     :param topic: its name.
-    :param frames: 'PARENT.CHILD' of a TF topic.
-    :param by_recording: whether the time of recording takes the place of the stamps.
+    :param element: of an array, by name or index; None where none is chosen.
+    :param frames: 'PARENT.CHILD' of a TF topic; None for others.
+    :param stamps: 'recorded' where the time of recording takes the place of the stamps, 'header'
+        where these are right whatever they look like; '' where nothing is stated.
     """
 
     topic: str
-    frames: str
-    by_recording: bool
+    element: str | None
+    frames: str | None
+    stamps: str
+
+    @property
+    def recorded(self) -> bool:
+        """Whether the time of recording takes the place of the stamps."""
+        return self.stamps == 'recorded'
 
     @classmethod
     def parse(cls, spec: str) -> Wanted:
         """Return what a spec of :meth:`Recording.read` names."""
         body, _, stated = spec.partition('?')
-        topic, _, frames = body.partition(':')
-        return cls(topic, frames, stated == 'stamps=recorded')
+        name, colon, frames = body.partition(':')
+        chosen = ELEMENT.fullmatch(name)
+        topic, element = chosen.groups() if chosen else (name, None)
+        return cls(topic, element, frames if colon else None, stated.removeprefix('stamps='))
 
 
 class Recording(Container):
@@ -66,9 +64,10 @@ class Recording(Container):
         """
         Return the poses of topics and transforms, in a single pass over the recording.
 
-        :param specs: '/topic', or '/tf:PARENT.CHILD' for the motion of CHILD in PARENT, chained
-            through the tree on that TF topic and the static one beside it; with
-            '?stamps=recorded', at the times at which the messages were recorded.
+        :param specs: '/topic', '/topic[NAME]' for an element of arrays, or '/tf:PARENT.CHILD' for
+            the motion of CHILD in PARENT, chained through the tree on that TF topic and the static
+            one beside it; with '?stamps=recorded', at the times at which the messages were
+            recorded.
         :param progress: wraps the iterable of messages given their number, as ``tqdm`` would.
         :raises ReadError: unknown or empty topics, unknown frames, a damaged recording.
         :raises UnsupportedMessage: a topic whose messages carry no pose.
@@ -78,22 +77,23 @@ class Recording(Container):
         trees: dict[tuple[str, bool], TransformTree] = {}
         for spec in dict.fromkeys(specs):
             wanted = Wanted.parse(spec)
-            topic = self._topic(wanted.topic, transforms=':' in spec)
-            if ':' in spec:
-                key = wanted.topic, wanted.by_recording
+            topic = self._topic(wanted)
+            if wanted.frames is not None:
+                key = wanted.topic, wanted.recorded
                 if key not in trees:
-                    trees[key] = self._feed_tree(topic, sinks, wanted.by_recording)
-                notes = (_by_recording(f'{self.path}:{spec}'),) if wanted.by_recording else ()
+                    trees[key] = self._feed_tree(topic, sinks, wanted.recorded)
+                notes = (by_recording(f'{self.path}:{spec}'),) if wanted.recorded else ()
                 results[spec] = partial(_looked_up, trees[key], wanted.frames, notes)
             else:
-                collector = _PoseColumns(self.decoder(topic), wanted.by_recording)
+                collector = collector_of(self.decoder(topic), wanted.element, wanted.recorded)
                 sinks[wanted.topic].append(collector.add)
                 results[spec] = collector.read
 
         self.feed(sinks, progress)
         read = {spec: result() for spec, result in results.items()}
         for spec, found in read.items():
-            self._check(spec, found.poses, Wanted.parse(spec).by_recording)
+            self._check(spec, found.poses, Wanted.parse(spec).recorded)
+        self._check_clocks(read)
         self.warnings += [line for tree in trees.values() for line in tree.warnings]
         return [read[spec] for spec in specs]
 
@@ -118,15 +118,17 @@ class Recording(Container):
                     'recording is damaged, or its metadata.yaml belongs to another recording',
                 )
 
-    def _check(self, spec: str, poses: Poses, by_recording: bool) -> None:
+    def _check(self, spec: str, poses: Poses, recorded: bool) -> None:
         """Raise ``ReadError`` where there is no pose, or where all have the same stamp."""
         source = f'{self.path}:{spec}'
         stamps = poses.stamps_ns
         if not len(stamps):
             raise ReadError(source, 'its messages have no poses')
+        if not np.isfinite(poses.positions).all(axis=1).any():
+            raise ReadError(source, f'none of its {len(poses)} messages has a position or a fix')
         if np.ptp(stamps) or (len(stamps) == 1 and stamps[0]):
             return
-        if by_recording:
+        if recorded:
             raise ReadError(source, 'all its messages were recorded at the same time')
         seconds = int(stamps[0]) / 1e9
         value = f'is the same, {seconds:.3f} s' if seconds else 'is 0: it was never set'
@@ -136,8 +138,27 @@ class Recording(Container):
             f'write {spec}?stamps=recorded',
         )
 
-    def _topic(self, name: str, transforms: bool) -> Topic:
-        """Return the topic of this name, or explain why it cannot be evaluated."""
+    def _check_clocks(self, read: Mapping[str, TopicPoses]) -> None:
+        """Raise ``ReadError`` where some stamps count from the start of a device, others not."""
+        from_boot = [spec for spec, found in read.items() if found.from_boot]
+        if len(from_boot) == len(read):
+            return
+        for spec in from_boot:
+            wanted, first_ns = Wanted.parse(spec), int(read[spec].poses.stamps_ns[0])
+            if wanted.stamps:
+                continue
+            msgtype = next(one.msgtype for one in self.topics if one.name == wanted.topic)
+            raise ReadError(
+                f'{self.path}:{spec}',
+                f'the stamps of {msgtype} count from the boot of the autopilot (the first is '
+                f'{first_ns / 1e9:.3f} s), those of the other topic do not; take the time of '
+                f'recording with {spec}?stamps=recorded, or let `diagnose` find the offset with '
+                f'{spec}?stamps=header',
+            )
+
+    def _topic(self, wanted: Wanted) -> Topic:
+        """Return a topic, or explain why it cannot be evaluated."""
+        name = wanted.topic
         source = f'{self.path}:{name}'
         found = [topic for topic in self.topics if topic.name == name]
         if not found:
@@ -146,18 +167,23 @@ class Recording(Container):
             types = ' and '.join(topic.msgtype for topic in found)
             raise ReadError(source, f'has messages of different types: {types}')
         (topic,) = found
-        is_tree = topic.msgtype in TF_TYPES
-        if is_tree and not transforms:
+        is_tree = topic.msgtype in TREE_TYPES
+        if is_tree and wanted.frames is None:
             raise UnsupportedMessage(source, f'carries transforms; write {name}:PARENT.CHILD')
-        if transforms and not is_tree:
+        if wanted.frames is not None and not is_tree:
             raise UnsupportedMessage(source, f'carries {topic.msgtype}, not transforms')
-        if not is_tree and not topic.has_pose:
-            raise UnsupportedMessage(
-                source, f'{topic.msgtype} carries no pose that can be scored; {self.choice()}'
-            )
+        if not is_tree:
+            self._check_poses(topic)
         if not topic.count:
             raise ReadError(source, f'has no messages; {self.choice()}')
         return topic
+
+    def _check_poses(self, topic: Topic) -> None:
+        """Raise ``UnsupportedMessage``, with what there is instead, where a topic has no pose."""
+        try:
+            _ = self.decoder(topic).converter
+        except UnsupportedMessage as error:
+            raise UnsupportedMessage(error.source, f'{error.problem}; {self.choice()}') from None
 
     def choice(self) -> str:
         """Return a sentence that lists what can be evaluated."""
@@ -167,11 +193,23 @@ class Recording(Container):
     def choices(self) -> list[str]:
         """Return the specs of what can be evaluated, each with type and number of messages."""
         return [
-            f'{topic.name}{":PARENT.CHILD" * (topic.msgtype in TF_TYPES)} '
-            f'({topic.msgtype}, {topic.count})'
+            f'{topic.name}{selector} ({topic.msgtype}, {topic.count})'
             for topic in self.topics
-            if topic.has_pose or topic.msgtype in TF_TYPES
+            if (selector := self._selector(topic)) is not None
         ]
+
+    def _selector(self, topic: Topic) -> str | None:
+        """Return what follows the name of a topic in a spec; None where it has no poses."""
+        if topic.msgtype in TREE_TYPES:
+            return ':PARENT.CHILD'
+        try:
+            decoder = self.decoder(topic)
+            is_array = isinstance(decoder.converter, ArrayConverter)
+        except ReadError:
+            return None
+        # of the standard types that have a pose, the table has all that tell of a motion
+        is_listed = decoder.msgtype in CONVERTERS or not decoder.is_standard
+        return ('[NAME]' if is_array else '') if is_listed else None
 
     def decoder(self, topic: Topic) -> Decoder:
         """
@@ -185,16 +223,16 @@ class Recording(Container):
             return Decoder(source, channel)
 
     def _feed_tree(
-        self, topic: Topic, sinks: dict[str, list[Sink]], by_recording: bool
+        self, topic: Topic, sinks: dict[str, list[Sink]], recorded: bool
     ) -> TransformTree:
         """Return a tree that is fed with the messages of a TF topic and of the static ones."""
-        names = [one.name for one in self.topics if one.msgtype in TF_TYPES]
+        names = [one.name for one in self.topics if one.msgtype in TREE_TYPES]
         static = static_topics(topic.name, names)
         tree = TransformTree(f'{self.path}:{topic.name}', static)
 
         def sink(decoder: Decoder, static: str, log_ns: int, message: bytes) -> None:
             with reading(decoder.source):
-                recorded_ns = log_ns if by_recording else None
+                recorded_ns = log_ns if recorded else None
                 tree.add(decoder.deserialize(message), static, recorded_ns)
 
         for name in dict.fromkeys([topic.name, *static]):
@@ -205,50 +243,3 @@ class Recording(Container):
 
 def _looked_up(tree: TransformTree, frames: str, warnings: tuple[str, ...]) -> TopicPoses:
     return TopicPoses(tree.lookup(frames), warnings=warnings)
-
-
-def _by_recording(source: str) -> str:
-    """Return the sentence that says which times stand for stamps."""
-    return (
-        f'{source}: each pose has the time at which it was recorded, which is later than it was '
-        'measured; `diagnose` finds how much later'
-    )
-
-
-class _PoseColumns:
-    """The poses of one topic, decoded a block at a time: memory holds columns, not messages."""
-
-    def __init__(self, decoder: Decoder, by_recording: bool) -> None:
-        self._decoder = decoder
-        self._path = PathRevisions(decoder.source) if decoder.msgtype == PATH else None
-        self._blocks = Blocks(self._decode)
-        self._columns: list[tuple[np.ndarray, np.ndarray]] = []
-        self._logged = array('q') if by_recording else None
-        if self._path and by_recording:
-            raise ConfigError(
-                f'{decoder.source}: stamps=recorded does not apply to a Path, each message of '
-                'which has many poses'
-            )
-
-    def add(self, log_ns: int, message: bytes) -> None:
-        """Take one message."""
-        if self._path:
-            self._path.add(messages.poses(*self._decoder.columns([message])))
-            return
-        if self._logged is not None:
-            self._logged.append(log_ns)
-        self._blocks.add(message)
-
-    def read(self) -> TopicPoses:
-        """Return the poses of all messages."""
-        if self._path:
-            return TopicPoses(self._path.final(), self._path.causal())
-        self._blocks.flush()
-        stamps, numbers = map(np.concatenate, zip(*self._columns, strict=True))
-        if self._logged is None:
-            return TopicPoses(messages.poses(stamps, numbers))
-        warnings = (_by_recording(self._decoder.source),)
-        return TopicPoses(messages.poses(np.array(self._logged), numbers), warnings=warnings)
-
-    def _decode(self, block: list[bytes]) -> None:
-        self._columns.append(self._decoder.columns(block))

@@ -22,7 +22,7 @@ from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.decoder import Blocks, Decoder
 from vio_eval_ros.recordings.euroc import Sensor, sensors_in, table
 from vio_eval_ros.recordings.imu import IMU, samples
-from vio_eval_ros.recordings.messages import CONVERTERS, PATH
+from vio_eval_ros.recordings.messages import PATH, USUAL
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.recording import Recording
 from vio_eval_ros.recordings.storage_files import reading
@@ -109,6 +109,9 @@ def _of_recording(recording: Recording, progress: Progress) -> Sensors:
         except ReadError as error:
             left_out.append(f'{name} {error.problem}')
             continue
+        if not decoder.is_ros:
+            left_out.append(f'{name} is not serialised as in ROS')
+            continue
         if not decoder.is_known:
             left_out.append(
                 f'the recording has no definition of {topics[0].msgtype}: of the messages on '
@@ -134,7 +137,7 @@ class _StreamColumns:
         # where the header begins: the first transform comes after their number
         self._header = 0 if decoder.has_header else 4 if msgtype in TF_TYPES else None
         self._has_numbers = decoder.has_header and (
-            msgtype == IMU or (msgtype in CONVERTERS and msgtype != PATH)
+            msgtype == IMU or (msgtype in USUAL and msgtype != PATH)
         )
 
     def add(self, log_ns: int, raw: bytes) -> None:

@@ -23,7 +23,8 @@ from vio_eval_ros.recordings.text import read_text
 if TYPE_CHECKING:
     import pandas as pd
 
-    from vio_eval_ros.recordings.recording import Recording, TopicPoses
+    from vio_eval_ros.recordings.recording import Recording
+    from vio_eval_ros.recordings.topic_poses import TopicPoses
 
 PARALLEL_BYTES = 1 << 24
 TRUTH_WORDS = r'truth|(^|[/_])gt($|[/_])|vicon|leica|mocap|optitrack|qualisys'
@@ -138,16 +139,17 @@ def default_topics(
     from vio_eval_ros.recordings.recording import Recording
 
     with Recording(recording) as opened:
-        names = [topic.name for topic in opened.topics if topic.has_pose and topic.count]
+        topics = [topic for topic in opened.topics if topic.has_pose and topic.count]
         choice = opened.choice()
         has_choice = bool(opened.choices())
-    others = [name for name in names if name not in (estimate, ground_truth)]
-    truths = [name for name in others if re.search(TRUTH_WORDS, name.lower())]
-    estimates = [name for name in others if name not in truths]
-    truths = truths if ground_truth is None else [ground_truth]
-    estimates = estimates if estimate is None else [estimate]
-    if len(estimates) == 1 and len(truths) == 1:
-        return estimates[0], truths[0]
+    for considered in ([topic for topic in topics if topic.has_usual_pose], topics):
+        others = [one.name for one in considered if one.name not in (estimate, ground_truth)]
+        truths = [name for name in others if re.search(TRUTH_WORDS, name.lower())]
+        estimates = [name for name in others if name not in truths]
+        truths = truths if ground_truth is None else [ground_truth]
+        estimates = estimates if estimate is None else [estimate]
+        if len(estimates) == 1 and len(truths) == 1:
+            return estimates[0], truths[0]
     advice = 'choose topics with --estimate and --ground-truth; ' if has_choice else ''
     raise ReadError(recording, advice + choice)
 
@@ -186,11 +188,11 @@ def _from_recording(
 def _of_recording(spec: Spec) -> str:
     """Return what of a spec the recording is asked for; the rest is done with the poses."""
     stamps = spec.statements.get('stamps')
-    return str(spec.topic) + (f'?stamps={stamps}' if stamps == 'recorded' else '')
+    return str(spec.topic) + (f'?stamps={stamps}' if stamps else '')
 
 
 def _of_topic(recording: Recording, text: str, spec: Spec, read: TopicPoses) -> Source:
-    poses, causal, warnings = read
+    poses, causal, warnings, _ = read
     if 'revision' in spec.statements:
         if causal is None:
             raise ConfigError(f'{text}: only a Path has revisions')

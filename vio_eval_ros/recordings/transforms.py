@@ -7,6 +7,7 @@ from collections import defaultdict, deque
 from collections.abc import Iterable, Mapping, Sequence
 import difflib
 import itertools
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,6 +20,23 @@ from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.messages import from_transform_stamped
 
 TF_TYPES = ('tf2_msgs/msg/TFMessage', 'tf/msg/tfMessage')
+FOXGLOVE_TF = ('foxglove.FrameTransform', 'foxglove.FrameTransforms')
+TREE_TYPES = (*TF_TYPES, *FOXGLOVE_TF)
+
+
+def as_transforms(message: Any) -> Any:
+    """Return a FrameTransform of Foxglove, or several, as a TFMessage."""
+    return SimpleNamespace(
+        transforms=[
+            SimpleNamespace(
+                header=SimpleNamespace(stamp=one.timestamp, frame_id=one.parent_frame_id),
+                child_frame_id=one.child_frame_id,
+                transform=one,
+            )
+            for one in getattr(message, 'transforms', [message])
+        ]
+    )
+
 
 Edge = tuple[str, str]  # parent and child frame
 Link = tuple[Edge, bool]  # an edge of a chain, and whether it is passed forward

@@ -31,7 +31,15 @@ from vio_eval_ros.live.health import counted, undecodable
 from vio_eval_ros.live.queues import PathQueue, Progress, RunQueue, TimeJump
 from vio_eval_ros.live.snapshot import TopicState
 from vio_eval_ros.recordings import cdr
-from vio_eval_ros.recordings.messages import collect, CONVERTERS, PATH, PathRevisions, poses
+from vio_eval_ros.recordings.messages import (
+    Adjustment,
+    adjustment_of,
+    collect,
+    PATH,
+    PathRevisions,
+    poses,
+    STREAMED,
+)
 from vio_eval_ros.ros.parameters import override_quality
 from vio_eval_ros.ros.private import EventCounter, take_serialized
 
@@ -91,6 +99,7 @@ class PoseTopic:
         self._quality = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._raw: list[bytes] = []
         self._class: Any = None
+        self._adjustment: Adjustment | None = None
         self._subscription: Subscription | None = None
         self._events: dict[str, EventCounter] = {}
         override_quality(node, self.topic, self._quality)
@@ -152,7 +161,7 @@ class PoseTopic:
         found = self._node.get_publishers_info_by_topic(self.name)
         self._publishers = len(found)
         self._published_types = tuple(sorted({info.topic_type for info in found}))
-        scorable = [msgtype for msgtype in self._published_types if msgtype in CONVERTERS]
+        scorable = [msgtype for msgtype in self._published_types if msgtype in STREAMED]
         if self._subscription is None and len(scorable) == 1:
             self._subscribe(scorable[0])
         self._incompatibility = ''
@@ -209,8 +218,9 @@ class PoseTopic:
         if not raw:
             return
         if not self._frame:
-            first = next(self._messages(raw), None)
-            self._frame = (first and first.header.frame_id) or 'world'
+            header = getattr(next(self._messages(raw), None), 'header', None)
+            # what is adjusted is no longer in the frame of its messages
+            self._frame = (header and not self._adjustment and header.frame_id) or 'world'
         if self._msgtype == PATH:
             yield from self._of_paths(raw)
             return
@@ -228,7 +238,7 @@ class PoseTopic:
         """Return the poses of messages one by one, without those that are not of their type."""
         messages = list(self._messages(raw))
         self._counts['undecodable'] += len(raw) - len(messages)
-        return collect(self._msgtype, messages)
+        return collect(self._msgtype, messages, self._adjustment)
 
     def _messages(self, raw: list[bytes]) -> Iterator[Any]:
         """Yield the messages, but for those that are not what their type says."""
@@ -240,15 +250,22 @@ class PoseTopic:
             yield message
 
     def _subscribe(self, msgtype: str) -> None:
-        if msgtype not in CONVERTERS:
+        if msgtype not in STREAMED:
             raise ConfigError(
-                f'{self.name}_type: {msgtype} carries no pose; types that do are '
-                f'{", ".join(CONVERTERS)}'
+                f'{self.name}_type: {msgtype} carries no pose that can be scored live; types that '
+                f'do are {", ".join(STREAMED)}'
             )
         self._msgtype = msgtype
         self.queue = PathQueue(self.topic) if msgtype == PATH else RunQueue()
+        self._adjustment = adjustment_of(msgtype)
         package, _, name = msgtype.split('/')
-        self._class = getattr(importlib.import_module(f'{package}.msg'), name)
+        try:
+            self._class = getattr(importlib.import_module(f'{package}.msg'), name)
+        except ImportError:
+            raise ConfigError(
+                f'{self.topic}: {msgtype} needs the ROS package {package}; install it, or source '
+                'the workspace that has it'
+            ) from None
         self._subscription = self._node.create_subscription(
             self._class,
             self.name,

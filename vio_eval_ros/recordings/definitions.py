@@ -1,0 +1,238 @@
+"""
+Where a message has its pose, by the definition of its type alone.
+
+A pose is a field with a position (x y z) and an orientation (x y z w), or with a translation and a
+rotation. Types with one pose, or with one list of them, need no line in a table.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from itertools import islice
+from operator import attrgetter
+from typing import Any, NamedTuple
+
+from vio_eval_ros.errors import UnsupportedMessage
+from vio_eval_ros.recordings.messages import (
+    ArrayConverter,
+    Converter,
+    Numbers,
+    stamp_ns,
+    xyz,
+    xyzw,
+)
+
+TEXT, NUMBER = 'text', 'number'
+#: the fields that make a pose, and those that are a position
+POSES = (('position', 'orientation'), ('translation', 'rotation'))
+POSITIONS = ('position', 'point', 'translation')
+STAMPS = ('stamp', 'timestamp', 'time')
+SECONDS, NANOSECONDS = {'sec', 'seconds'}, {'nanosec', 'nsec', 'nanos'}
+DEEPEST, MOST_FIELDS = 6, 1000  # that are looked at: definitions may contain themselves
+
+
+class Field(NamedTuple):
+    """
+    A field of a message.
+
+    :param type: TEXT, NUMBER or the name of a message type.
+    """
+
+    type: str
+    is_list: bool = False
+
+
+# From the name of a message type to its fields; to none where it is not known.
+Fields = Callable[[str], Mapping[str, Field]]
+
+
+class Place(NamedTuple):
+    """
+    Where a message or an element of a list has a pose.
+
+    :param path: names of fields joined by dots; '' where it is one itself.
+    :param parts: the fields of its position and, if it has any, of its orientation.
+    """
+
+    path: str
+    parts: tuple[str, ...]
+
+    def numbers(self, message: Any) -> Numbers:
+        """Return position and quaternion x y z w."""
+        pose = _get(message, self.path)
+        vectors = [getattr(pose, part) for part in self.parts]
+        return (*xyz(vectors[0]), *(xyzw(vectors[1]) if len(vectors) > 1 else ()))
+
+
+class PoseList(NamedTuple):
+    """
+    A list of poses in a message.
+
+    :param path: of the list.
+    :param place: where each of its elements has the pose.
+    :param name: where an element has its name; '' where it has none.
+    :param names: the list of their names beside it; '' where there is none.
+    """
+
+    path: str
+    place: Place
+    name: str
+    names: str
+
+    def elements(self, message: Any) -> Iterable[tuple[str, Any]]:
+        """Yield the elements with their names or, where they have none, with their indices."""
+        listed = _get(message, self.path)
+        if self.names:
+            return zip(map(str, _get(message, self.names)), listed, strict=True)
+        if self.name:
+            return ((str(getattr(one, self.name)), one) for one in listed)
+        return ((str(k), one) for k, one in enumerate(listed))
+
+
+def converter_of(source: str, msgtype: str, fields: Fields) -> Converter | ArrayConverter:
+    """
+    Return how the poses in messages of a type are read.
+
+    Of several poses in a message, each is an element named by its path.
+
+    :param source: what notes and errors name.
+    :raises UnsupportedMessage: there is no pose, or several lists of poses.
+    """
+    places, lists = _places(msgtype, fields), _lists(msgtype, fields)
+    stamp = _stamp_path(msgtype, fields)
+    if not places and not lists:
+        places = _positions(msgtype, fields)
+    if not places and not lists:
+        raise UnsupportedMessage(source, f'{msgtype} carries no pose that can be scored')
+    if not places and len(lists) > 1:
+        listed = ', '.join(one.path for one in lists)
+        raise UnsupportedMessage(
+            source,
+            f'{msgtype} is not read: it has several lists of poses ({listed}); publish one of '
+            'them as a PoseArray',
+        )
+    what = places[0].path if len(places) == 1 else lists[0].path if not places else 'each'
+    note = (
+        f'{source}: {msgtype} is read by its definition: the pose is {what or "the message"}, the '
+        f'stamp {stamp or "missing"}'
+    )
+
+    def stamped(message: Any) -> int:
+        return stamp_ns(_get(message, stamp))
+
+    if len(places) == 1:
+        return Converter(
+            lambda message: [(stamped(message) if stamp else 0, places[0].numbers(message))],
+            is_stamped=bool(stamp),
+            notes=(note,),
+        )
+    if places:
+        return ArrayConverter(
+            lambda message: ((one.path, (one, message)) for one in places),
+            lambda element: element[0].numbers(element[1]),
+            stamped if stamp else None,
+            (note,),
+        )
+    return ArrayConverter(
+        lists[0].elements, lists[0].place.numbers, stamped if stamp else None, (note,)
+    )
+
+
+def _get(message: Any, path: str) -> Any:
+    return attrgetter(path)(message) if path else message
+
+
+def _walk(msgtype: str, fields: Fields) -> Iterator[tuple[str, Field]]:
+    """Yield all fields with their paths, level by level; not those of lists and of poses."""
+    level = [('', msgtype)]
+    for _ in range(DEEPEST):
+        below = []
+        for path, name in level:
+            if _pose_parts(name, fields):
+                continue
+            for field, kind in fields(name).items():
+                inner = f'{path}.{field}' if path else field
+                yield inner, kind
+                if not kind.is_list:
+                    below.append((inner, kind.type))
+        level = below
+
+
+def _fields_in(msgtype: str, fields: Fields) -> Iterator[tuple[str, Field]]:
+    return islice(_walk(msgtype, fields), MOST_FIELDS)
+
+
+def _pose_parts(name: str, fields: Fields) -> tuple[str, ...]:
+    """Return the fields that make a type a pose; none where it is not one."""
+    inside = fields(name)
+    for position, orientation in POSES:
+        both = inside.get(position), inside.get(orientation)
+        if all(both) and _has(both[0], 'xyz', fields) and _has(both[1], 'xyzw', fields):
+            return position, orientation
+    return ()
+
+
+def _has(field: Field | None, components: str, fields: Fields) -> bool:
+    """Return whether a field is a vector or quaternion with these components."""
+    if field is None or field.is_list:
+        return False
+    numbers = {name for name, kind in fields(field.type).items() if kind == Field(NUMBER)}
+    return numbers >= set(components) and ('w' in components or 'w' not in numbers)
+
+
+def _places(msgtype: str, fields: Fields) -> list[Place]:
+    """Return the poses in a message, but for those in lists."""
+    if parts := _pose_parts(msgtype, fields):
+        return [Place('', parts)]
+    return [
+        Place(path, parts)
+        for path, field in _fields_in(msgtype, fields)
+        if not field.is_list and (parts := _pose_parts(field.type, fields))
+    ]
+
+
+def _positions(msgtype: str, fields: Fields) -> list[Place]:
+    """Return the positions in a message."""
+    found = []
+    for path, field in _fields_in(msgtype, fields):
+        outer, _, name = path.rpartition('.')
+        if name in POSITIONS and _has(field, 'xyz', fields):
+            found.append(Place(outer, (name,)))
+    return found
+
+
+def _lists(msgtype: str, fields: Fields) -> list[PoseList]:
+    """Return the lists whose elements have one pose each."""
+    found = []
+    texts = {path: field for path, field in fields(msgtype).items() if field == Field(TEXT, True)}
+    for path, field in _fields_in(msgtype, fields):
+        if not field.is_list:
+            continue
+        places = _places(field.type, fields)
+        if len(places) == 1:
+            beside = next((name for name in ('name', 'names') if name in texts), '')
+            found.append(PoseList(path, places[0], _name_field(field.type, fields), beside))
+    return found
+
+
+def _name_field(msgtype: str, fields: Fields) -> str:
+    """Return the field that tells elements of a type apart; '' where there is none."""
+    inside = fields(msgtype)
+    texts = [name for name, field in inside.items() if field == Field(TEXT)]
+    named = [name for name in texts if name in ('name', 'id', 'label') or name.endswith('_name')]
+    if named:
+        return named[0]
+    return 'id' if inside.get('id') == Field(NUMBER) else ''
+
+
+def _stamp_path(msgtype: str, fields: Fields) -> str:
+    """Return the field with seconds and nanoseconds; '' where there is none."""
+    inside = fields(msgtype)
+    header = fields(inside['header'].type) if 'header' in inside else {}
+    candidates = [(f'header.{name}', header.get(name)) for name in STAMPS]
+    candidates += [(name, inside.get(name)) for name in STAMPS]
+    for path, field in candidates:
+        parts = fields(field.type).keys() if field else set()
+        if parts & SECONDS and parts & NANOSECONDS:
+            return path
+    return ''
