@@ -113,6 +113,8 @@ def _play(options: argparse.Namespace, ros_arguments: list[str]) -> int:
         from vio_eval_ros.recordings.playback import Playback
 
         with Playback(options.recording) as playback:
+            for note in playback.notes:
+                _say(note)
             for warning in playback.warnings:
                 _say(f'{warning}; left out')
             _publish(playback, options, ros_arguments)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -45,7 +46,7 @@ def imu_noise(
     path = Path(recording)
     record = Record(path, limits=limits)
     source = read_imu(path, topic, record.add, progress)
-    return analyse(
+    analysis = analyse(
         str(source),
         record.finish(),
         stated={**source.units, **{kind: unit for kind, unit in given.items() if unit}},
@@ -53,6 +54,7 @@ def imu_noise(
         limits=limits,
         profile=profile,
     )
+    return replace(analysis, warnings=(*source.warnings, *analysis.warnings))
 
 
 def require(library: str) -> None:

@@ -112,6 +112,12 @@ _TIMES = (
         cure='put all sensors on one clock',
     ),
     FindingKind(
+        'unfinished', 'streams', 'warn',
+        when='the recorder did not close its file, or metadata.yaml does not fit the files',
+        evidence='{sentence}',
+        cure='let the recorder end by itself, or write metadata.yaml with `ros2 bag reindex`',
+    ),
+    FindingKind(
         'left_out', 'streams', 'info',
         when='a topic cannot be read: its serialisation, two types, a type without definition',
         evidence='{sentence}',

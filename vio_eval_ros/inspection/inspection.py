@@ -53,15 +53,19 @@ def inspect_streams(
     streams: Sequence[SensorStream],
     left_out: Sequence[str] = (),
     limits: InspectionLimits | None = None,
+    *,
+    unfinished: Sequence[str] = (),
 ) -> InspectedStreams:
     """
     Return what can be said of the streams of a recording.
 
     :param left_out: a sentence for whatever could not be read.
     :param limits: between healthy and not; by default those of a drone.
+    :param unfinished: a sentence for whatever is unusual about the files.
     """
     limits = limits or InspectionLimits()
-    findings = [FINDINGS['left_out'].found('', sentence=sentence) for sentence in left_out]
+    findings = [FINDINGS['unfinished'].found('', sentence=sentence) for sentence in unfinished]
+    findings += [FINDINGS['left_out'].found('', sentence=sentence) for sentence in left_out]
     silent = sorted((one for one in streams if not len(one)), key=lambda one: one.topic)
     findings += [FINDINGS['silent'].found(stream, count=0) for stream in silent]
     measured = []

@@ -39,7 +39,9 @@ def inspect_recording(
     limits = limits or InspectionLimits.of(profile)
     files = read_calibrations(calibrations)
     sensors = read_sensors(recording, progress)
-    inspection = inspect_streams(sensors.streams, sensors.left_out, limits)
+    inspection = inspect_streams(
+        sensors.streams, sensors.left_out, limits, unfinished=sensors.unfinished
+    )
     return Report(
         source=str(recording),
         inspection=inspection,

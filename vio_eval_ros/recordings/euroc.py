@@ -146,6 +146,7 @@ class EurocFolder:
         self.topics: list[Topic] = []
         self.offers: dict[str, OfferedQos] = {}  # nothing is known of publishers
         self.warnings: list[str] = []
+        self.notes: list[str] = []
         self._sensors = sensors
         stamps: list[int] = []
         for folder, sensor in sensors.items():

@@ -47,11 +47,13 @@ class ImuSource(NamedTuple):
 
     :param topic: None for a file.
     :param units: of 'gyro' and 'accel', where the header of a file states them.
+    :param warnings: what is unusual about the files, in sentences.
     """
 
     path: Path
     topic: str | None
     units: dict[str, str]
+    warnings: tuple[str, ...] = ()
 
     def __str__(self) -> str:
         return f'{self.path}:{self.topic}' if self.topic else str(self.path)
@@ -81,7 +83,7 @@ def read_imu(
     with Recording(path) as recording:
         found = _imu_topic(recording, topic, option)
         _read_topic(recording, found, sink, progress)
-    return ImuSource(path, found.name, {})
+        return ImuSource(path, found.name, {}, tuple(recording.warnings))
 
 
 def _imu_topic(recording: Recording, name: str | None, option: str) -> Topic:

@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 
@@ -24,6 +25,7 @@ from vio_eval_ros.recordings.rosbags_internals import to_cdr, Typestore
 from vio_eval_ros.recordings.storage import Channel, OfferedQos, standard_types
 from vio_eval_ros.recordings.storage_files import reading
 
+MOST_LATCHED = 1000  # messages of a topic that are kept for late subscribers
 RENAMED = {'tf/msg/tfMessage': 'tf2_msgs/msg/TFMessage'}  # the name before ROS 1 Hydro
 
 TimedMessage = tuple[int, str, bytes]  # when a message was recorded [ns], its topic and its CDR
@@ -35,7 +37,8 @@ class Playback:
 
     ``topics`` lists what can be played, by name, with its type in ROS 2; ``offers`` has what is
     known of their publishers. ``first_ns`` and ``last_ns`` are when the first and the last message
-    were recorded. ``warnings`` has a line for each topic that is left out.
+    were recorded. ``warnings`` has a line for each topic that is left out, ``notes`` what is
+    unusual about the files.
 
     :param path: a ROS 1 bag, a rosbag2 folder, a bare .db3 or .mcap, or an ASL folder.
     :raises ReadError: where there is no recording at ``path``, it is empty or cannot be read.
@@ -56,6 +59,7 @@ class Playback:
         self.topics: list[Topic] = self._source.topics
         self.offers: Mapping[str, OfferedQos] = self._source.offers
         self.warnings: list[str] = self._source.warnings
+        self.notes: list[str] = self._source.notes
 
     def __enter__(self) -> Playback:
         return self
@@ -92,24 +96,31 @@ class _Converted:
     def __init__(self, container: Container) -> None:
         self._container = container
         self.span_ns = container.span_ns()
-        self.offers = container.offers()
+        self.notes = container.warnings
         self.warnings: list[str] = []
         self.topics: list[Topic] = []
         self._converters: dict[Channel, Callable[[bytes], bytes]] = {}
         counts: dict[str, Counter[str]] = defaultdict(Counter)
         for channel in container.channels:
-            if channel.encoding in ('cdr', 'ros1'):
-                counts[channel.topic][_today(channel)] += channel.count
-                with reading(container.path):
+            try:
+                with reading(channel.topic):
                     self._converters[channel] = _converter(channel)
-            else:
-                line = f'{channel.topic} is serialised as {channel.encoding!r}'
+            except ReadError as error:
+                line = f'{channel.topic} {error.problem}'
                 self.warnings += [] if line in self.warnings else [line]
+            else:
+                counts[channel.topic][_today(channel)] += channel.count
         for name, types in sorted(counts.items()):
             if len(types) > 1:
                 self.warnings.append(f'{name} has messages of types {" and ".join(types)}')
             else:
                 self.topics += [Topic(name, *item) for item in types.items()]
+        offers = container.offers()
+        self.offers = {
+            topic.name: _for_all(offers[topic.name], topic.count)
+            for topic in self.topics
+            if topic.name in offers
+        }
 
     def messages(self, names: set[str], start_ns: int, end_ns: int) -> Iterator[TimedMessage]:
         """Yield the messages of topics from one time to another, both included."""
@@ -129,6 +140,18 @@ class _Converted:
         return types.generate_msgdef(msgtype, ros_version=2)[0]
 
 
+def _for_all(offer: OfferedQos, count: int) -> OfferedQos:
+    """
+    Return an offer with which one publisher stands for all that there were.
+
+    Which of them sent a message was not recorded. Late subscribers get the last latched ones of
+    each of them only where they get all.
+    """
+    if not offer.latched or offer.publishers == 1:
+        return offer
+    return replace(offer, depth=min(max(offer.depth, count), MOST_LATCHED))
+
+
 def _today(channel: Channel) -> str:
     """Return the name that the message type of a channel has in ROS 2."""
     return RENAMED.get(channel.msgtype, channel.msgtype)
@@ -138,6 +161,8 @@ def _converter(channel: Channel) -> Callable[[bytes], bytes]:
     """Return what turns a recorded message into ROS 2's bytes."""
     if channel.encoding == 'cdr':
         return bytes
+    if channel.encoding != 'ros1':
+        raise ReadError(channel.topic, f'is serialised as {channel.encoding!r}')
     types, msgtype = channel.types(), _today(channel)
     return to_cdr(types, _of_ros2(types, msgtype), channel.msgtype, msgtype)
 

@@ -14,8 +14,11 @@ __all__ = ['Typestore', 'profiles_in', 'to_cdr']
 
 
 def profiles_in(metadata: str) -> list[Qos]:
-    """Return the QoS profiles that rosbag2 writes, as YAML, into the metadata of a channel."""
-    return parse_qos(metadata)
+    """Return the QoS profiles that rosbag2 stores with a topic as YAML; none where damaged."""
+    try:
+        return parse_qos(metadata)
+    except Exception:  # anything; what a publisher offered is only a hint, and has a default
+        return []
 
 
 def to_cdr(

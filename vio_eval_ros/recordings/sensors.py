@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
+from collections.abc import Sequence
 from itertools import groupby
 from operator import attrgetter
 from pathlib import Path
@@ -41,10 +42,12 @@ class Sensors(NamedTuple):
 
     :param streams: one for each topic, topics without messages included.
     :param left_out: a sentence for each topic that cannot be read.
+    :param unfinished: what is unusual about the files, in sentences.
     """
 
     streams: list[SensorStream]
     left_out: list[str]
+    unfinished: Sequence[str] = ()
 
 
 def read_sensors(path: Path, progress: Progress = silent) -> Sensors:
@@ -59,7 +62,7 @@ def read_sensors(path: Path, progress: Progress = silent) -> Sensors:
         found = Sensors([_of_folder(*one) for one in progress(folders.items(), len(folders))], [])
     else:
         with Recording(path) as recording:
-            found = _of_recording(recording, progress)
+            found = _of_recording(recording, progress)._replace(unfinished=recording.warnings)
     streams = found.streams
     if not any(map(len, streams)):
         raise ReadError(path, '; '.join(['there are no messages in it', *found.left_out]))
