@@ -21,6 +21,7 @@ from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.agreement import assumed, settled
 from vio_eval_ros.recordings.imu import read_imu
 from vio_eval_ros.recordings.progress import Progress
+from vio_eval_ros.recordings.publishers import refuse_mixed
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.recordings.text import read_text
@@ -62,10 +63,12 @@ def diagnose_sources(
     :param profile: the platform, one of PROFILES.
     :param limits: what counts as healthy; by default that of the profile.
     :param gyroscope: to be compared with the estimate as well.
+    :raises ReadError: poses of several publishers take turns on one side.
     :raises NoPairs: where there are too few poses, or the two sides have no time in common.
     :raises ConfigError: there is no such profile.
     """
     estimate, ground_truth = settled(estimate, ground_truth, config)
+    refuse_mixed(estimate, ground_truth, config)
     counts = {'estimate': Cleaning(), 'ground_truth': Cleaning()}
     poses = clean(estimate.poses, counts['estimate'])
     truth = clean(ground_truth.poses, counts['ground_truth'])

@@ -18,6 +18,7 @@ from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.errors import ConfigError, NoPairs
 from vio_eval_ros.evaluation.result import Input, Result
 from vio_eval_ros.recordings.agreement import assumed, settled
+from vio_eval_ros.recordings.publishers import refuse_mixed
 from vio_eval_ros.recordings.sources import Source
 
 #: poses of the ground truth that a result keeps for drawing it
@@ -35,11 +36,13 @@ def score_run(
     Return how an estimate compares with the ground truth.
 
     :param hashed: whether to hash the files; only some reports show it.
+    :raises ReadError: poses of several publishers take turns in one of them.
     :raises NoPairs: no two stamps match; the message says why.
     :raises ReadError: a side leaves open how it is to be read, and the two do not settle it.
     :raises ConfigError: poses whose orientations say nothing are to be moved to another frame.
     """
     estimate, truth = settled(estimate, truth, config)
+    refuse_mixed(estimate, truth, config)
     _check_bodies(config, estimate.poses, truth.poses)
     evaluation = _evaluated(config, estimate.poses, truth.poses)
     causal = None

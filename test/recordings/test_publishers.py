@@ -1,0 +1,60 @@
+"""What several publishers wrote in turn is refused by every verb that would score it."""
+
+import numpy as np
+import pytest
+
+from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.trajectory import Poses
+from vio_eval_ros.diagnosis.recorded import diagnose_sources
+from vio_eval_ros.errors import ReadError
+from vio_eval_ros.evaluation.recorded import score_run
+from vio_eval_ros.recordings.publishers import refuse_mixed
+from vio_eval_ros.recordings.sources import Source
+from vio_eval_ros.simulation.simulated_run import simulate
+
+
+def source(name: str, poses: Poses) -> Source:
+    return Source(name, 'tum', (), poses)
+
+
+@pytest.fixture(scope='module')
+def run():
+    return simulate(40, seed=5)
+
+
+@pytest.fixture(scope='module')
+def mixed(run):
+    """Return an estimate into which another publisher writes for the last ten seconds."""
+    estimate = run.estimate
+    begins = np.searchsorted(estimate.stamps_ns, estimate.stamps_ns[0] + 30_000_000_000)
+    other = Poses(
+        estimate.stamps_ns + 20_000_000, 0 * estimate.positions, estimate.rotations
+    )[np.arange(begins, len(estimate))]  # fmt: skip
+    known = Poses(estimate.stamps_ns, estimate.positions, estimate.rotations)
+    joined = Poses.concatenate([known, other])
+    return joined[np.argsort(joined.stamps_ns, kind='stable')]
+
+
+@pytest.mark.parametrize('verb', [score_run, diagnose_sources, refuse_mixed])
+def test_neither_side_may_be_of_two_publishers(run, mixed, verb):
+    sides = {'est.txt': run.estimate, 'gt.txt': run.ground_truth}
+    for wrong in sides:
+        one, other = (source(k, mixed if k == wrong else v) for k, v in sides.items())
+        with pytest.raises(ReadError, match=f'^{wrong}: poses of two trajectories, .* m apart'):
+            verb(one, other, EvaluationConfig())
+
+
+def test_the_time_in_which_there_is_but_one_can_be_scored(run, mixed):
+    sources = source('est.txt', mixed), source('gt.txt', run.ground_truth)
+    result = score_run(*sources, EvaluationConfig(end_s=29.0))
+    assert result.summary.metrics['ate_trans_rmse_m'] < 0.2
+    with pytest.raises(ReadError, match='two publishers'):
+        score_run(*sources, EvaluationConfig(start_s=29.0))
+
+
+def test_a_time_offset_counts_before_the_time_is_chosen(run, mixed):
+    later = Poses(mixed.stamps_ns + 3_600_000_000_000, mixed.positions, mixed.rotations)
+    sources = source('est.txt', later), source('gt.txt', run.ground_truth)
+    refuse_mixed(*sources, EvaluationConfig(time_offset_s=-3600.0, end_s=29.0))
+    with pytest.raises(ReadError, match='two publishers'):
+        refuse_mixed(*sources, EvaluationConfig(time_offset_s=-3600.0, end_s=39.0))
