@@ -25,6 +25,7 @@ IMU = ['allantools', 'matplotlib', 'plotly']
 PANDAS = ['pandas']
 # its fields have said whether they are repeated since then
 PROTOBUF = ['protobuf>=6.31']
+PX4 = ['pyulog']
 REPORT = ['plotly']
 # ROS 2 Jazzy where none is installed; rclpy does not start without the second
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-rmw-fastrtps-cpp', 'ros-jazzy-common-interfaces']
@@ -99,6 +100,7 @@ setup(
         'imu': IMU,
         'pandas': PANDAS,
         'protobuf': PROTOBUF,
+        'px4': PX4,
         'report': REPORT,
         'ros': ROS,
         'test': [
@@ -107,6 +109,7 @@ setup(
             *IMU,
             *PANDAS,
             *PROTOBUF,
+            *PX4,
             *REPORT,
             *ROS,
             'build',

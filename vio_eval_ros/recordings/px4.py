@@ -42,9 +42,8 @@ def odometry_numbers(message: Any) -> tuple[float, ...]:
 
 def local_position_numbers(message: Any) -> tuple[float, ...]:
     """Return position and frame of a VehicleLocalPosition; NaN where it says that it has none."""
-    if not (message.xy_valid and message.z_valid):
-        return np.nan, np.nan, np.nan, NED
-    return message.x, message.y, message.z, NED
+    unknown = np.where(np.logical_and(message.xy_valid, message.z_valid), 0.0, np.nan)
+    return message.x + unknown, message.y + unknown, message.z + unknown, NED
 
 
 def global_position_numbers(message: Any) -> tuple[float, ...]:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from vio_eval_ros.recordings.recording import Recording
     from vio_eval_ros.recordings.topic_poses import TopicPoses
+    from vio_eval_ros.recordings.ulog import Ulog
 
 PARALLEL_BYTES = 1 << 24
 TRUTH_WORDS = r'truth|(^|[/_])gt($|[/_])|vicon|leica|mocap|optitrack|qualisys'
@@ -36,7 +37,7 @@ class Source:
     Poses as they were recorded, and where they come from.
 
     :param spec: as the user wrote it.
-    :param kind: tum, euroc, kitti, ros1, rosbag2, mcap or arrays.
+    :param kind: tum, euroc, kitti, ros1, rosbag2, mcap, ulog or arrays.
     :param paths: the files that hold them, in order.
     :param warnings: what was taken for granted, in sentences.
     :param causal: the same poses as first published, where a Path revised them since.
@@ -136,9 +137,7 @@ def default_topics(
     :param estimate: what is chosen already, or None.
     :param ground_truth: likewise.
     """
-    from vio_eval_ros.recordings.recording import Recording
-
-    with Recording(recording) as opened:
+    with _opened(recording) as opened:
         topics = [topic for topic in opened.topics if topic.has_pose and topic.count]
         choice = opened.choice()
         has_choice = bool(opened.choices())
@@ -177,12 +176,21 @@ def _from_recording(
     specs: Sequence[Spec],
     progress: Progress,
 ) -> list[Source]:
-    from vio_eval_ros.recordings.recording import Recording
-
     assert path is not None
-    with Recording(path) as opened:
+    with _opened(path) as opened:
         read = opened.read([_of_recording(spec) for spec in specs], progress)
         return [_of_topic(opened, *each) for each in zip(texts, specs, read, strict=True)]
+
+
+def _opened(path: Path) -> Recording | Ulog:
+    """Return an open recording, or a log of PX4."""
+    if path.suffix == '.ulg':
+        from vio_eval_ros.recordings.ulog import Ulog
+
+        return Ulog(path)
+    from vio_eval_ros.recordings.recording import Recording
+
+    return Recording(path)
 
 
 def _of_recording(spec: Spec) -> str:
@@ -191,7 +199,7 @@ def _of_recording(spec: Spec) -> str:
     return str(spec.topic) + (f'?stamps={stamps}' if stamps else '')
 
 
-def _of_topic(recording: Recording, text: str, spec: Spec, read: TopicPoses) -> Source:
+def _of_topic(recording: Recording | Ulog, text: str, spec: Spec, read: TopicPoses) -> Source:
     poses, causal, warnings, _ = read
     if 'revision' in spec.statements:
         if causal is None:

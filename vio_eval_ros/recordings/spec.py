@@ -22,7 +22,7 @@ from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.recordings.rows import STAMP_UNITS
 
-RECORDING_SUFFIXES = ('.bag', '.db3', '.mcap')
+RECORDING_SUFFIXES = ('.bag', '.db3', '.mcap', '.ulg')
 #: units of positions, and how many metres each has
 LENGTH_UNITS = {'m': 1.0, 'cm': 0.01, 'mm': 0.001, 'km': 1000.0}
 
