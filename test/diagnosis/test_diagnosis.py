@@ -856,3 +856,23 @@ def test_an_estimate_that_blows_up_has_diverged_and_the_rest_is_diagnosed(larges
     assert set(names(found)) <= {'diverged', 'time_offset'}
     assert found.causes[0].value == pytest.approx(count / len(ESTIMATE), rel=0.2)
     json.dumps(found.to_dict(errors=True), allow_nan=False)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('apart_s', [0, 1_000_000])
+@pytest.mark.parametrize('pace', [0.1, 0.5, 0.95, 1.33, 2.0, 10.0])
+def test_time_that_is_played_at_another_pace_is_a_clock_that_drifts(pace, apart_s):
+    elapsed = ESTIMATE.stamps_ns - ESTIMATE.stamps_ns[0]
+    stamps_ns = ESTIMATE.stamps_ns[0] + np.round(elapsed * pace).astype(np.int64)
+    found = diagnosis_of(late(apart_s, replace(ESTIMATE, stamps_ns=stamps_ns)))
+    assert names(found) == ['clock_drift', *(['time_offset'] if apart_s else [])]
+    drift = found.causes[0]
+    assert drift.value == pytest.approx(1e6 * (1 - 1 / pace), rel=1e-3)
+    assert f'{pace:.4g} times the pace' in drift.evidence
+    assert found.errors_after['ATE [m]'] < 0.1
+
+
+def test_two_motions_that_have_nothing_in_common_agree_at_no_pace():
+    other = simulate(duration_s=60.0, seed=7).ground_truth
+    turned = replace(other, positions=other.positions[::-1], rotations=other.rotations[::-1])
+    assert 'clock_drift' not in names(diagnose(ESTIMATE, turned, CONFIG))

@@ -22,6 +22,7 @@ from vio_eval_ros.core.statistics import root_mean_square
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.causes import CAUSES
 from vio_eval_ros.diagnosis.causes.cause import KnownCause
+from vio_eval_ros.diagnosis.causes.clocks import CLOCK_DRIFT
 from vio_eval_ros.diagnosis.causes.conventions import improvement as improvement_by_convention
 from vio_eval_ros.diagnosis.causes.divergence import DIVERGED
 from vio_eval_ros.diagnosis.causes.inputs import (
@@ -34,12 +35,13 @@ from vio_eval_ros.diagnosis.conventions import FoundConvention
 from vio_eval_ros.diagnosis.correction import Correction
 from vio_eval_ros.diagnosis.diagnosed_run import ATE, DiagnosedRun, FEWEST_POSES
 from vio_eval_ros.diagnosis.divergence import blown_up_from
-from vio_eval_ros.diagnosis.first_fit import first_fit, FirstFit
+from vio_eval_ros.diagnosis.first_fit import first_fit, FirstFit, UNRELATED_RESIDUAL
 from vio_eval_ros.diagnosis.inputs import frozen, likely_swapped, stands_still, stays
 from vio_eval_ros.diagnosis.limits import DEFAULT, DiagnosisLimits
 from vio_eval_ros.diagnosis.measurement import Measurement
 from vio_eval_ros.diagnosis.measurements import measure, Measured
 from vio_eval_ros.diagnosis.naming import causes_of, named_causes
+from vio_eval_ros.diagnosis.pace import likely_pace
 from vio_eval_ros.diagnosis.report import Cause, Diagnosis
 
 #: of the spread of the truth: an ATE beyond it does not go without a cause
@@ -82,6 +84,10 @@ def diagnose_run(run: DiagnosedRun, limits: DiagnosisLimits = DEFAULT) -> Diagno
     fit = first_fit(run)
     if fit.others_s:
         return _undecided(run, fit, limits)
+    if fit.residual > UNRELATED_RESIDUAL:
+        paced = _at_the_pace_of_truth(run, fit, limits)
+        if paced is not None:
+            return paced
     measured = measure(run, fit, limits)
     if measured.convention.of_truth:
         return _with_corrected_truth(run, measured.convention, limits)
@@ -270,7 +276,7 @@ def _after(
         confidence=1.0,
         value=measurement.value,
         unit=known.unit,
-        uncertainty=math.nan,
+        uncertainty=measurement.uncertainty,
         ate_before_m=run.ate_m(nothing),
         ate_after_m=rest.ate_m(nothing),
         evidence=known.evidence(measurement, {}),
@@ -279,6 +285,24 @@ def _after(
         side=side,
     )
     return replace(diagnosis, causes=(cause, *diagnosis.causes), errors_before=run.errors(nothing))
+
+
+def _at_the_pace_of_truth(
+    run: DiagnosedRun, fit: FirstFit, limits: DiagnosisLimits
+) -> Diagnosis | None:
+    """Return the diagnosis at the pace of the truth, where the motions agree under it alone."""
+    pace = likely_pace(run)
+    if pace is None:
+        return None
+    paced = first_fit(run.of(pace.undo(run.estimate), run.truth))
+    if paced.residual > min(fit.residual / 2, UNRELATED_RESIDUAL):
+        return None
+    pace = pace._replace(ratio=pace.ratio / (1 - paced.lag.drift))
+    drift = CLOCK_DRIFT.measurement(
+        1e6 * (1 - 1 / pace.ratio), 1e6 * paced.lag.drift_uncertainty, limits, run.half_s
+    )
+    rest = run.of(pace.undo(run.estimate), run.truth)
+    return _after(CLOCK_DRIFT, drift, run=run, rest=rest, limits=limits)
 
 
 # -- errors without a cause ----------------------------------------------------------------------

@@ -28,6 +28,8 @@ MOST_OTHERS = 4
 EQUAL_RATIO = 1.25
 #: ... or larger by this
 EQUAL_RESIDUAL = 0.01
+#: relative motions that agree no better agree under no lag, and may be at another pace
+UNRELATED_RESIDUAL = 0.3
 #: of the next lag, the share below which a lag is so much nearer to zero that it is the right one
 NEAR_SHARE = 0.25
 #: rotation of the sensor that another lag may explain as well
@@ -68,7 +70,7 @@ def first_fit(run: DiagnosedRun) -> FirstFit:
     equal = [one for one in tried if not one.residual > limit] or tried[:1]
     nearest = min(equal, key=lambda one: abs(one.lag.offset_s))
     others = [one for one in equal if not _is_near(one.lag, nearest.lag.offset_s)]
-    confusable = any(_is_as_likely(one, nearest) for one in others)
+    confusable = best < UNRELATED_RESIDUAL and any(_is_as_likely(one, nearest) for one in others)
     return FirstFit(
         peak,
         nearest.convention,

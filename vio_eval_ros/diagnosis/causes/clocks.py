@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 import math
+from typing import Any
 
 from vio_eval_ros.core.config import EvaluationConfig, plain
-from vio_eval_ros.diagnosis.causes.cause import KnownCause, template
+from vio_eval_ros.diagnosis.causes.cause import KnownCause
 from vio_eval_ros.diagnosis.causes.measuring import Measuring
 from vio_eval_ros.diagnosis.correction import Correction, PosesInCorrection
 from vio_eval_ros.diagnosis.diagnosed_run import FEWEST_POSES
@@ -18,6 +20,8 @@ from vio_eval_ros.errors import NoPairs
 LARGEST_RESIDUAL_RATIO = 0.5
 #: no clock gains or loses more, in seconds a second: what seems to is not a clock
 LARGEST_CLOCK_DRIFT = 0.1
+#: no clock is so wrong, but time that is played at another rate is
+WRONG_PACE_PPM = 1e4
 
 
 def _undo_offset(poses: PosesInCorrection, offset_s: float) -> PosesInCorrection:
@@ -58,15 +62,30 @@ TIME_OFFSET = KnownCause(
     flags=_offset_flags,
     may_raise_ate=True,  # positions that contradict it have been asked
 )
+
+
+def _drift_evidence(measurement: Measurement, findings: Mapping[str, Any]) -> str:
+    """Return what a clock gains, or its pace where no clock is so wrong."""
+    found = f'{measurement.value:.0f} ± {measurement.uncertainty:.0f} ppm'
+    if abs(measurement.value) < WRONG_PACE_PPM:
+        return f'its clock gains {found} on that of the ground truth'
+    pace = 1 / (1 - 1e-6 * measurement.value)
+    return (
+        f'its time runs at {pace:.4g} times the pace of that of the ground truth ({found}), as '
+        'where a recording is played at another rate than that of the clock that stamps the poses'
+    )
+
+
 CLOCK_DRIFT = KnownCause(
     name='clock_drift',
     unit='ppm',
     meaning='positive: the clock of the estimate gains',
-    measured='the same fit',
+    measured='the same fit; where nothing agrees, paces of 0.1 to 10 are tried',
     remedy='synchronised clocks',
-    evidence=template('its clock gains {v:.0f} ± {u:.0f} ppm on that of the ground truth'),
-    advice='Synchronise the two clocks for the whole run (PTP or NTP): one constant offset '
-    'cannot correct it.',
+    evidence=_drift_evidence,
+    advice='Synchronise the two clocks for the whole run (PTP or NTP), and stamp poses with the '
+    'time of the data (use_sim_time with a recording that is played): one constant offset cannot '
+    'correct it.',
     limits=('clock_drift_s',),
     healthy=lambda limits, half_s: 1e6 * limits.clock_drift_s / half_s,
     undo=_undo_drift,
