@@ -124,3 +124,20 @@ def odometry(count: int = 60) -> Stream:
     """Return a stamped estimate that is exact."""
     messages = [{'header': header(k, 'odom'), 'pose': {'pose': pose(k)}} for k in range(count)]
     return Stream('/vio/odometry', 'nav_msgs/msg/Odometry', messages)
+
+
+def fixes(count: int = 60, topic: str = '/fix', status: int = 0) -> Stream:
+    """Return the positions as fixes of a satellite receiver."""
+    from pymap3d import enu2geodetic
+
+    positions = np.array([numbers(k)[0] for k in range(count)])
+    places = np.column_stack(enu2geodetic(*positions.T, 47.4, 8.55, 500.0)).tolist()
+    messages = [
+        {
+            'header': header(k, 'gps'),
+            'status': {'status': status},
+            **dict(zip(('latitude', 'longitude', 'altitude'), place, strict=True)),
+        }
+        for k, place in enumerate(places)
+    ]
+    return Stream(topic, 'sensor_msgs/msg/NavSatFix', messages)

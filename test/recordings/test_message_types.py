@@ -3,7 +3,18 @@
 import numpy as np
 import pytest
 
-from recorded import header, KINDS, LATENCY_NS, numbers, odometry, pose, stamp, Stream, write
+from recorded import (
+    fixes,
+    header,
+    KINDS,
+    LATENCY_NS,
+    numbers,
+    odometry,
+    pose,
+    stamp,
+    Stream,
+    write,
+)
 from verbs import complaint, document
 from vio_eval_ros.errors import ConfigError, ReadError, UnsupportedMessage
 from vio_eval_ros.recordings.geographic import east_north_up
@@ -15,7 +26,6 @@ STAMPS = [stamp(k) for k in range(COUNT)]
 LOGGED = [stamp(k) + LATENCY_NS for k in range(COUNT)]
 MOVING = np.array([numbers(k)[0] for k in range(COUNT)])
 TURNING = np.array([numbers(k)[1] for k in range(COUNT)])
-ORIGIN = (47.4, 8.55, 500.0)
 
 NAMED_POSE = 'motion_capture_tracking_interfaces/msg/NamedPose'
 NAMED_POSES = 'motion_capture_tracking_interfaces/msg/NamedPoseArray'
@@ -229,24 +239,9 @@ def test_arrays_are_listed_among_what_can_be_scored(tmp_path):
 # --- on the earth ---
 
 
-def fixes(positions, topic='/fix', status=0):
-    from pymap3d import enu2geodetic
-
-    places = np.column_stack(enu2geodetic(*positions.T, *ORIGIN))
-    messages = [
-        {
-            'header': header(k),
-            'status': {'status': status},
-            **dict(zip(('latitude', 'longitude', 'altitude'), place, strict=True)),
-        }
-        for k, place in enumerate(places.tolist())
-    ]
-    return Stream(topic, 'sensor_msgs/msg/NavSatFix', messages)
-
-
 @pytest.mark.parametrize('kind', KINDS)
 def test_fixes_are_positions_in_metres(tmp_path, kind):
-    path = write(tmp_path / 'run', kind, odometry(), fixes(MOVING))
+    path = write(tmp_path / 'run', kind, odometry(), fixes(COUNT))
     (source,) = read(path, '/fix')
     assert source.rotations is None
     np.testing.assert_allclose(
@@ -258,7 +253,7 @@ def test_fixes_are_positions_in_metres(tmp_path, kind):
 
 
 def test_messages_without_a_fix_are_dropped_and_counted(tmp_path):
-    stream = fixes(MOVING)
+    stream = fixes(COUNT)
     for k in range(5):
         stream.messages[k]['status']['status'] = -1
     for k in range(5, 8):
@@ -272,18 +267,18 @@ def test_messages_without_a_fix_are_dropped_and_counted(tmp_path):
 
 
 def test_a_status_that_was_never_set_may_have_a_fix(tmp_path):
-    path = write(tmp_path / 'run', 'mcap', odometry(), fixes(MOVING, status=-2))
+    path = write(tmp_path / 'run', 'mcap', odometry(), fixes(COUNT, status=-2))
     assert_scored(path, '/fix')
 
 
 def test_a_receiver_that_never_has_a_fix_says_so(tmp_path):
-    path = write(tmp_path / 'run', 'mcap', odometry(), fixes(MOVING, status=-1))
+    path = write(tmp_path / 'run', 'mcap', odometry(), fixes(COUNT, status=-1))
     told = complaint('replay', path, '--estimate', '/vio/odometry', '--ground-truth', '/fix')
     assert 'none of its 60 messages has a position or a fix' in told
 
 
 def test_poses_on_the_earth_keep_their_orientation(tmp_path):
-    places = fixes(MOVING).messages
+    places = fixes(COUNT).messages
     messages = [
         {
             'header': header(k),
@@ -312,13 +307,13 @@ def test_a_usual_pair_is_found_beside_fixes_and_arrays(tmp_path):
     truth = Stream(
         '/gt', 'geometry_msgs/msg/PoseStamped', [{'header': header(0), 'pose': pose(0)}]
     )
-    others = fixes(MOVING), of_poses('/gt_poses', pose)
+    others = fixes(COUNT), of_poses('/gt_poses', pose)
     path = write(tmp_path / 'run', 'mcap', odometry(), truth, *others)
     assert default_topics(path) == ('/vio/odometry', '/gt')
 
 
 def test_a_fix_named_as_truth_is_taken_where_nothing_else_is_one(tmp_path):
-    path = write(tmp_path / 'run', 'mcap', odometry(), fixes(MOVING, '/ground_truth/fix'))
+    path = write(tmp_path / 'run', 'mcap', odometry(), fixes(COUNT, '/ground_truth/fix'))
     assert default_topics(path) == ('/vio/odometry', '/ground_truth/fix')
 
 

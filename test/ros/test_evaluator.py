@@ -12,6 +12,7 @@ import subprocess
 
 import pytest
 
+from recorded import fixes, odometry, write
 from verbs import call, document
 
 pytest.importorskip('rclpy', reason='needs ROS 2: pip install ".[ros]"')
@@ -129,6 +130,14 @@ def test_live_is_replay_with_a_truth_of_positions_only(compare, tmp_path, leica_
     result = json.loads((tmp_path / 'live' / 'result.json').read_text())
     assert result['inputs']['ground_truth']['position_only']
     assert result['metrics']['ate_rot_rmse_deg'] is None
+
+
+def test_live_is_replay_with_a_truth_of_satellite_fixes(compare, tmp_path):
+    path = write(tmp_path / 'run', 'mcap', odometry(400), fixes(400, '/ground_truth/fix'))
+    compare(path, topics=('/vio/odometry', '/ground_truth/fix'))
+    result = json.loads((tmp_path / 'live' / 'result.json').read_text())
+    assert result['inputs']['ground_truth']['position_only']
+    assert result['metrics']['ate_trans_rmse_m'] < 1e-4
 
 
 def test_live_is_replay_of_a_path_that_is_revised(compare, tmp_path, revising_recording):
