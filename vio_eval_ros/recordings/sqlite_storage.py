@@ -124,4 +124,6 @@ def _opened(path: Path, stack: ExitStack) -> sqlite3.Connection:
         )
     for file in (path, *beside):
         shutil.copyfile(file, folder / file.name)
+    if not path.stat().st_size:  # else SQLite deletes the log, which has all pages then
+        (folder / path.name).write_bytes(bytes(PAGE_BYTES))
     return sqlite3.connect(folder / path.name)

@@ -68,6 +68,8 @@ def open_file(path: Path, stack: ExitStack) -> StorageFile:
             raise ReadError(path, 'is neither a file nor a folder')
         begin = _begin(path)
         content = decompressed_file(path, stack) if begin.startswith(ZSTD_MAGIC) else path
+        if not begin and sqlite_storage.journals(path):
+            begin = sqlite_storage.MAGIC  # the journal has it all
         kind = _identified(path, begin if content is path else _begin(content))
         return StorageFile(path, kind, FILE_KINDS[kind].storage(content, stack))
 
