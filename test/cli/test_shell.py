@@ -6,11 +6,12 @@ import sys
 
 import pytest
 
-from verbs import run, shell, transcript
+from verbs import complaint, ROOT, run, shell, transcript
 from vio_eval_ros.cli.shell import Parser
 from vio_eval_ros.cli.shell import run as run_verb
 from vio_eval_ros.errors import ConfigError, UNABLE
 
+DEMO = str(ROOT / 'demo' / 'simulated_flight')
 PROGRAM = 'import sys; from vio_eval_ros.cli.shell import run; sys.exit(run("score", {}))'
 FAILING = PROGRAM.format('lambda: 1 / 0')
 GREEDY = PROGRAM.format('lambda: len(bytearray(1 << 40))')
@@ -67,3 +68,33 @@ def test_a_negative_number_in_any_form_is_a_value(text):
 
 def test_argparse_still_has_the_private_attribute_that_distinguishes_numbers_from_flags():
     assert argparse.ArgumentParser()._negative_number_matcher.match('-1')
+
+
+@pytest.mark.parametrize(
+    ('words', 'told'),
+    [
+        (['replay', DEMO, '--aligment', 'sim3'], "'--aligment'; did you mean '--alignment'?"),
+        (['replay', '--aligment=sim3', DEMO], "'--aligment'; did you mean '--alignment'?"),
+        (['diagnose', '--groundtruth', 'x', DEMO], "did you mean '--ground-truth'?"),
+        (['inspect', DEMO, '--reprot', 'x'], "did you mean '--report'?"),
+        (['score', '--bseline', 'x'], "did you mean '--baseline'?"),
+        (['diagnose', DEMO, '--profile', 'dron'], "did you mean 'drone'?"),
+        (['inspect', DEMO, 'b.bag'], "'b.bag' is one argument too many"),
+        (['replay', DEMO, '--estimate', '/vio/odometri'], "did you mean '/vio/odometry'?"),
+        (['replay', DEMO, '--rpe-deltas', '1sec'], "did you mean '1s'?"),
+        (['replay', DEMO, '--rpe-deltas', '10 meters'], "did you mean '10m'?"),
+        (['replay', DEMO, '--rpe-deltas', '100ms'], 'such as 1f, 0.5s or 10m\n'),
+        (['replay', DEMO, '--gate', 'ate_trans_rms_m<=1'], "did you mean 'ate_trans_rmse_m'?"),
+        (['replay', '--estimate', 'a', '--estimate', 'b'], '--estimate is given twice'),
+        (['diagnose', '--ground-truth', 'a', '--ground-truth', 'b'], 'is given twice'),
+    ],
+)
+def test_what_is_mistyped_gets_the_nearest_right_one(words, told):
+    assert told in complaint(*words)
+
+
+@pytest.mark.parametrize('verb', ['replay', 'diagnose'])
+def test_two_files_alone_get_the_command_that_compares_them(verb):
+    said = complaint(verb, 'my est.txt', 'gt.txt')
+    assert f"{verb} --estimate 'my est.txt' --ground-truth gt.txt" in said
+    assert 'one argument too many;' in complaint(verb, 'a', 'b', '--estimate', 'c')

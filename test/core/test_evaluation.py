@@ -529,7 +529,8 @@ def test_without_overlap_both_spans_are_named(flight):
     assert evaluation.associator.why_no_pairs() == (
         f'no pairs within 0.02 s: estimate spans 12.0 to {12 + span:.1f} s, ground truth '
         f'{flight.stamps_ns[0] / 1e9:.1f} to {flight.stamps_ns[-1] / 1e9:.1f} s; '
-        'are the clocks the same?'
+        'are the clocks the same? `diagnose` measures the --time-offset-s between them; '
+        'wall-clock stamps in a replay need use_sim_time'
     )
     assert evaluation.summary().metrics['coverage_ratio'] == 0
 

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from vio_eval_ros.cli.limits import add_limits, chosen_limits
 from vio_eval_ros.cli.shell import Parser, progress, run
-from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
+from vio_eval_ros.cli.targets import add_reports, check_targets, show, Target, written
 from vio_eval_ros.errors import PASSED, UNABLE
 from vio_eval_ros.imu.analysis import Analysis, UNITS
 from vio_eval_ros.imu.limits import ImuNoiseLimits
@@ -72,7 +72,7 @@ def _parser() -> Parser:
 def _imu_noise(arguments: argparse.Namespace) -> int:
     targets = [Target.parse(text, REPORTS) for text in arguments.report]
     inputs = [path for path in (arguments.record, arguments.limits) if path]
-    check_targets(targets, inputs)
+    check_targets(targets, inputs, arguments.json)
     formats = {target.format for target in targets}
     for library in (LIBRARIES[name] for name in sorted(formats & LIBRARIES.keys())):
         require(library)
@@ -85,6 +85,7 @@ def _imu_noise(arguments: argparse.Namespace) -> int:
         profile=arguments.profile,
         progress=progress,
     )
-    print(json_document(analysis) if arguments.json else table(analysis), end='', flush=True)
+    summary = json_document if arguments.json else table
+    show(partial(summary, analysis), targets)
     done = [written(VERB, target, partial(REPORTS[target.format], analysis)) for target in targets]
     return PASSED if all(done) else UNABLE

@@ -4,15 +4,42 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
+import shlex
+from typing import Any
 
-from vio_eval_ros.cli.shell import progress
+from vio_eval_ros.cli.shell import Parser, progress
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.recordings.sources import default_topics, read_sources, Source
 from vio_eval_ros.recordings.spec import Spec
 
 
-def add_inputs(parser: argparse.ArgumentParser) -> None:
+class _Once(argparse.Action):
+    """Stores a value that must not be given twice: of two estimates one would be left out."""
+
+    def __call__(
+        self,
+        parser: argparse.ArgumentParser,
+        namespace: argparse.Namespace,
+        values: Any,
+        option_string: str | None = None,
+    ) -> None:
+        """Store the value."""
+        if getattr(namespace, self.dest) is not None:
+            parser.error(f'{option_string} is given twice; run {parser.prog} once for each')
+        setattr(namespace, self.dest, values)
+
+
+def add_inputs(parser: Parser) -> None:
     """Add RECORDING, ``--estimate``, ``--ground-truth`` and ``--times``."""
+
+    def advise(word: str, arguments: argparse.Namespace) -> str:
+        """Return the command that compares two files."""
+        if arguments.estimate or arguments.ground_truth:
+            return ''
+        words = ['--estimate', str(arguments.recording), '--ground-truth', word]
+        return f'; to compare two files, write: {parser.prog} {shlex.join(words)}'
+
+    parser.advise = advise
     parser.add_argument(
         'recording',
         nargs='?',
@@ -22,11 +49,14 @@ def add_inputs(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         '--estimate',
+        action=_Once,
         metavar='SPEC',
         help='/topic, /tf:PARENT.CHILD, a file, or RECORDING:/topic; append conventions '
         "after '?': quaternion=wxyz, stamps=ns, invert=pose (default: the only one there is)",
     )
-    parser.add_argument('--ground-truth', metavar='SPEC', help='the same for the ground truth')
+    parser.add_argument(
+        '--ground-truth', action=_Once, metavar='SPEC', help='the same for the ground truth'
+    )
     parser.add_argument(
         '--times',
         type=Path,

@@ -10,7 +10,7 @@ import re
 
 from vio_eval_ros.cli.limits import add_limits, chosen_limits
 from vio_eval_ros.cli.shell import complain, Parser, progress, run
-from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
+from vio_eval_ros.cli.targets import add_reports, check_targets, show, Target, written
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE, VioEvalError
 from vio_eval_ros.inspection.expectations import Expectations
@@ -109,8 +109,8 @@ def _run(arguments: argparse.Namespace) -> int:
         limits=chosen_limits(arguments, VERB, InspectionLimits),
         progress=progress,
     )
-    shown = json_document(report) if arguments.json else text_document(report)
-    print(shown, end='', flush=True)
+    summary = json_document if arguments.json else text_document
+    show(partial(summary, report), targets)
     done = [written(VERB, target, partial(REPORTS[target.format], report)) for target in targets]
     if arguments.clip is not None:
         done.append(_clipped(arguments, report.findings))
@@ -130,7 +130,8 @@ def _check(
     if not 0 <= arguments.clip_s <= MAX_MARGIN_S:
         raise ConfigError(f'--clip-s: expected a number of seconds from 0 to {MAX_MARGIN_S}')
     optional = [path for path in (arguments.expect, arguments.limits) if path is not None]
-    check_targets(targets, [arguments.recording, *arguments.calibration, *optional])
+    inputs = [arguments.recording, *arguments.calibration, *optional]
+    check_targets(targets, inputs, arguments.json)
     if arguments.clip is not None:
         _check_clips(arguments.clip, arguments.recording)
 
@@ -152,7 +153,7 @@ def _clipped(arguments: argparse.Namespace, findings: Sequence[Finding]) -> bool
     try:
         make_writable(arguments.clip)
         for line in _clips(arguments, timed[:MAX_CLIPS]):
-            if not arguments.json:
+            if not (arguments.json or any(text.endswith(':-') for text in arguments.report)):
                 print(line)
     except VioEvalError as error:
         complain(VERB, f'--clip: {error}')

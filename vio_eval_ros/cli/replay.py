@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -12,17 +13,18 @@ from typing import Any
 from vio_eval_ros.cli.completion import complete
 from vio_eval_ros.cli.inputs import add_inputs, sources_of
 from vio_eval_ros.cli.shell import add_options, config_of, Parser, run
-from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
+from vio_eval_ros.cli.targets import add_reports, check_targets, show, Target, written
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.core.gates import check_names, Gate
 from vio_eval_ros.core.series import running_series
-from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE
+from vio_eval_ros.errors import ConfigError, FAILED, NoPairs, PASSED, UNABLE, VioEvalError
 from vio_eval_ros.evaluation.recorded import score_run
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.reports import REPORTS
+from vio_eval_ros.reports.documents import json_report
 from vio_eval_ros.reports.tables import series_csv
 from vio_eval_ros.reports.text import text_report
 from vio_eval_ros.scoring.stack import Stack, STACK_KEYS
@@ -115,17 +117,34 @@ def _replay(arguments: argparse.Namespace) -> int:
     gates = _gates(arguments, config)
     estimate, truth = sources_of(arguments)
     targets = [target for target, _ in outputs]
-    check_targets(targets, [*estimate.paths, *truth.paths, *_documents(arguments)])
+    inputs = [*estimate.paths, *truth.paths, *_documents(arguments)]
+    check_targets(targets, inputs, arguments.json)
     formats = {target.format for target in targets}
     hashed = arguments.json or not formats.isdisjoint(HASHED)
-    result = score_run(estimate, truth, config, gates, hashed)
+    try:
+        result = score_run(estimate, truth, config, gates, hashed)
+    except NoPairs as error:
+        raise NoPairs(f'{error}{_measured_offset(estimate, truth, config)}') from None
     if arguments.series or not formats.isdisjoint(RUNNING):
         result = replace(result, series=_series(config, estimate, truth))
     done = [written('replay', target, partial(render, result)) for target, render in outputs]
-    print(REPORTS['json'](result) if arguments.json else text_report(result), end='', flush=True)
+    summary = json_report if arguments.json else text_report
+    show(partial(summary, result), targets)
     if not all(done):
         return UNABLE
     return FAILED if result.passed is False else PASSED
+
+
+def _measured_offset(estimate: Source, truth: Source, config: EvaluationConfig) -> str:
+    """Return the offset between the clocks that the motions show, to be added to an error."""
+    # few runs have no pairs, and a diagnosis takes a while to import
+    from vio_eval_ros.diagnosis.recorded import diagnose_sources
+
+    with suppress(VioEvalError):
+        for cause in diagnose_sources(estimate, truth, config).causes:
+            if cause.name == 'time_offset' and cause.flags:
+                return f'; the motions agree with {" ".join(cause.flags)}'
+    return ''
 
 
 def _outputs(

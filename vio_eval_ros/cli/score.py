@@ -11,7 +11,7 @@ import sys
 from typing import Any
 
 from vio_eval_ros.cli.shell import complain, Parser, run
-from vio_eval_ros.cli.targets import add_reports, check_targets, Target, written
+from vio_eval_ros.cli.targets import add_reports, check_targets, show, Target, written
 from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE
 from vio_eval_ros.rendering.text import printable
 from vio_eval_ros.scoring.baseline import Baseline, CONDITIONS, definition_sha256
@@ -133,8 +133,8 @@ def _score(arguments: argparse.Namespace) -> int:
     if baseline is not None:
         result = compare_suite(result, baseline, arguments.accept)
     done = [written('score', target, partial(render, result)) for target, render in outputs]
-    text = SUITE_REPORTS['json'](result) if arguments.json else suite_text(result)
-    print(text, end='', flush=True)
+    summary = SUITE_REPORTS['json'] if arguments.json else suite_text
+    show(partial(summary, result), [target for target, _ in outputs])
     if not all(done):
         return UNABLE
     return PASSED if result.passed else FAILED
@@ -153,7 +153,7 @@ def _outputs(
         render = manifest_of_suite(manifest, suite, arguments.baseline)
         outputs.append((Target.of('manifest', manifest), render))
     inputs = [arguments.suite, *([arguments.baseline] if arguments.baseline else []), *suite.paths]
-    check_targets([target for target, _ in outputs], inputs)
+    check_targets([target for target, _ in outputs], inputs, arguments.json)
     return outputs
 
 

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 
 from vio_eval_ros.cli.command import called_as
 from vio_eval_ros.cli.completion import complete, words
-from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.config import EvaluationConfig, nearest_name
 from vio_eval_ros.errors import ConfigError, UNABLE, VioEvalError
 from vio_eval_ros.rendering.text import printable
 from vio_eval_ros.settings import options_of
@@ -53,17 +53,37 @@ class Parser(argparse.ArgumentParser):
         )
         self._negative_number_matcher = re.compile(r'-(\d|\.\d|inf)')
 
+        #: what to say of one argument too many, given it and all others
+        self.advise: Callable[[str, argparse.Namespace], str] = lambda word, _: ''
+
     def parse_args(self, *args: Any, **options: Any) -> Any:
         """Parse the arguments, or complete them where the shell asks for that."""
         if '_ARGCOMPLETE' in os.environ:
             import argcomplete
 
             argcomplete.autocomplete(self, always_complete_options=False)
-        return super().parse_args(*args, **options)
+        arguments, unknown = self.parse_known_args(*args, **options)
+        if unknown:
+            self._refuse(unknown, arguments)
+        return arguments
+
+    def _refuse(self, unknown: list[str], arguments: argparse.Namespace) -> NoReturn:
+        """Name the first unknown option and the nearest one, or the argument that is too much."""
+        for word in unknown:
+            option = word.partition('=')[0]
+            if option.startswith('-') and option != '-':
+                near = nearest_name(option, self._option_string_actions)
+                self.error(f"there is no option '{option}'{near}")
+        advice = self.advise(unknown[0], arguments)
+        self.error(f"'{unknown[0]}' is one argument too many{advice}")
 
     def error(self, message: str) -> NoReturn:
         """Exit with status 2 and one line on stderr."""
-        self.exit(UNABLE, f'{self.verb}: {message}; see {self.prog} --help\n')
+        wrong = re.match(r".*invalid choice: '(.*)' \(choose from (.*)\)", message)
+        if wrong:
+            message += nearest_name(wrong[1], re.findall(r'[\w-]+', wrong[2]))
+        end = ' ' if message.endswith('?') else '; '
+        self.exit(UNABLE, f'{self.verb}: {message}{end}see {self.prog} --help\n')
 
 
 def run(verb: str, main: Callable[[], int]) -> int:

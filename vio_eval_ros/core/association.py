@@ -144,7 +144,10 @@ class Associator:
             advice = 'is --max-gap-s too small?'
         apart = estimate.first_ns > truth.newest_ns or truth.first_ns > estimate.newest_ns
         if self.closest_ns is None or apart:
-            return f'no pairs {tolerance}: {spans}; are the clocks the same?'
+            return (
+                f'no pairs {tolerance}: {spans}; are the clocks the same? `diagnose` measures the '
+                '--time-offset-s between them; wall-clock stamps in a replay need use_sim_time'
+            )
         closest = f'the closest stamps are {self.closest_ns / 1e9:g} s apart'
         return f'no pairs {tolerance}: {spans}; {closest}; {advice}'
 

@@ -37,9 +37,11 @@ class Delta(NamedTuple):
         """Return the delta that ``10f``, ``1s``, ``0.5m`` or ``15d`` means."""
         match = re.fullmatch(r'(\d+(?:\.\d*)?|\.\d+)([a-z])', text)
         if not match or match[2] not in DELTA_UNITS or not 1e-9 <= float(match[1]) <= 1e9:
+            meant = re.fullmatch(r'([\d.]+) ?(frame|sec|met|deg)[a-z]*', text)
             raise ConfigError(
                 f"'{text}' is not a valid delta; write a number without exponent and its unit: "
                 'f (frames), s (seconds), m (metres) or d (degrees), such as 1f, 0.5s or 10m'
+                + (f"; did you mean '{meant[1]}{meant[2][0]}'?" if meant else '')
             )
         # as many decimals as its name has
         delta = cls(round(float(match[1]), 9), match[2])

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ReadError, UnsupportedMessage
 from vio_eval_ros.recordings.container import Container, Topic
@@ -162,7 +163,8 @@ class Recording(Container):
         source = f'{self.path}:{name}'
         found = [topic for topic in self.topics if topic.name == name]
         if not found:
-            raise ReadError(source, f'there is no such topic; {self.choice()}')
+            near = nearest_name(name, [topic.name for topic in self.topics])
+            raise ReadError(source, f'there is no such topic{near or ";"} {self.choice()}')
         if len(found) > 1:
             types = ' and '.join(topic.msgtype for topic in found)
             raise ReadError(source, f'has messages of different types: {types}')
