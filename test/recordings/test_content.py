@@ -45,9 +45,11 @@ def test_the_mark_says_the_order_of_bytes(tmp_path, mark):
 
 
 @pytest.mark.parametrize('separator', [',', ';', '\t', ' '])
-def test_quotes_around_cells_do_not_matter(tmp_path, separator):
-    lines = TEXT.removeprefix('# ').splitlines()
-    cells = [separator.join(f'"{cell}"' for cell in line.split()) for line in lines]
+@pytest.mark.parametrize('quote', ['"', "'"])
+def test_quotes_around_cells_do_not_matter(tmp_path, separator, quote):
+    head, *lines = TEXT.removeprefix('# ').splitlines()
+    cells = [separator.join(f'{quote}{cell}{quote}' for cell in line.split()) for line in lines]
+    cells.insert(0, separator.join(f'"{name}"' for name in head.split()))
     file = read(tmp_path, '\n'.join(cells))
     np.testing.assert_array_equal(file.rows.values, VALUES)
     assert file.header.strip() == separator.join('t x y z qx qy qz qw'.split()).encode()

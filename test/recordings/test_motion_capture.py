@@ -298,6 +298,14 @@ def test_what_an_export_says_is_not_stated_again(tmp_path):
         read(f'{plain}?body=drone')
 
 
+@pytest.mark.parametrize('cell', ['', 'nan', '1e400', '1e18'])
+def test_a_row_without_a_frame_is_an_error(tmp_path, cell):
+    lines = vicon()
+    lines[20] = cell + lines[20][lines[20].index(',') :]
+    with pytest.raises(ReadError, match='no frame or time'):
+        read(written(tmp_path / 'trial.csv', lines))
+
+
 def test_an_export_is_scored_against_an_estimate_from_its_start(tmp_path):
     written(tmp_path / 'trial.csv', vicon())
     estimate = np.column_stack([TIMES, POSITIONS, ROTATIONS])[5:]

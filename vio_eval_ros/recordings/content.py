@@ -28,6 +28,7 @@ MARKS = {
 }
 _NUMBER = re.compile(rb'[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?')
 _QUOTED = re.compile(rb'"([^"\n]*)"')
+_QUOTED_ONCE = re.compile(rb"'(\s*%s\s*)'" % _NUMBER.pattern)
 _DECIMAL_COMMA = re.compile(rb'[-+]?\d+,\d+(?:[eE][-+]?\d+)?')
 
 
@@ -62,6 +63,8 @@ def content_of(path: Path, data: bytes) -> Content:
         raise ReadError(path, 'its numbers have decimal commas; write them with points')
     if b'"' in data:
         data = _QUOTED.sub(_cell, data)
+    if b"'" in data:
+        data = _QUOTED_ONCE.sub(rb'\1', data)
     data = _without_cut_line(path, data, notes)
     export = export_of(path, data)
     if export is not None:

@@ -14,6 +14,7 @@ from vio_eval_ros.recordings.preambles import Body, Export
 
 MAX_DEVIATION = 0.01  # of the rows of a matrix from unit length, where three decimals are written
 MIN_SHARE = 0.99
+LATEST = 1e9  # frames, or seconds from the start of a recording
 #: what a preamble says already
 SETTLED = ('quaternion', 'stamps', 'columns')
 
@@ -103,20 +104,22 @@ def _rotations(path: Path, turns: np.ndarray, are_degrees: bool) -> np.ndarray:
 
 def _stamps(path: Path, export: Export, values: np.ndarray, notes: list[str]) -> np.ndarray:
     """Return (N,) int64 nanoseconds, from the column of times or by the rate."""
+    counted = values[:, export.frames if export.time is None else (export.time,)]
+    if not (np.abs(counted) < LATEST).all():
+        raise ReadError(path, 'some of its rows have no frame or time')
     if export.time is not None:
-        seconds = values[:, export.time]
+        seconds = counted[:, 0]
     elif export.rate_hz is None:
         raise ReadError(path, 'its preamble says no frame rate, and its rows have no times')
     else:
+        count = np.arange(len(values), dtype=float)
         if export.frames:
-            frame, part = (values[:, column] for column in export.frames)
-            count = (frame - 1) * (np.nanmax(part) + 1) + part
-        else:
-            count = np.arange(len(values), dtype=float)
+            frame, part = counted.T
+            count = (frame - 1) * (part.max(initial=0) + 1) + part
         seconds = count / export.rate_hz
         first = 'frame 1' if export.frames else 'the first'
         notes.append(f'{path}: stamps are its frames at {export.rate_hz:g} Hz, {first} at 0 s')
-    if not np.isfinite(seconds).all() or np.abs(seconds).max(initial=0) > 1e9:
-        raise ReadError(path, 'some of its rows have no frame or time')
+    if np.abs(seconds).max(initial=0) > LATEST:
+        raise ReadError(path, 'its frames are too many for its rate')
     stamps: np.ndarray = np.rint(seconds * 1e9).astype(np.int64)
     return stamps

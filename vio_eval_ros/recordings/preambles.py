@@ -93,7 +93,7 @@ def _lines(data: bytes, start: int = 0) -> Iterator[tuple[list[str], int]]:
 
 
 VICON_SECTION = (
-    rb'(?m)^[ \t]*(Objects|Segments|Trajectories|Joints|Model Outputs|Devices)[,;\t]*\s*\n'
+    rb'(?m)^[ \t\r]*(Objects|Segments|Trajectories|Joints|Model Outputs|Devices)[,;\t]*\s*\n'
     rb'\s*\d+\.?\d*[,;\t]*\s*\n'
 )
 VICON_AXES = (('TX', 'TY', 'TZ'), ('X', 'Y', 'Z'))
