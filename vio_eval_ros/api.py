@@ -291,7 +291,8 @@ def _with_default_topics(given: list[Any], recording: Path | None) -> list[Any]:
 
 def _check_recording(specs: Sequence[str], recording: Path | None) -> None:
     """Check that topics come with a recording, and a recording with topics."""
-    topics = [spec for spec in specs if Spec.parse(spec).path is None]
+    beside = recording is not None
+    topics = [spec for spec in specs if Spec.parse(spec, beside_recording=beside).path is None]
     if recording is None and topics:
         raise ReadError(topics[0], 'no such file; for a topic, give recording= as well')
     if recording is not None and not topics:

@@ -233,9 +233,7 @@ def test_counts_that_are_more_than_what_is_there_are_named(run):
     ]
 
 
-@pytest.mark.parametrize(
-    'counts', [3, [3], [{}], None, [{'topic_metadata': 1, 'message_count': 1}]]
-)
+@pytest.mark.parametrize('counts', [3, [3], [{}], None, [{'topic_metadata': 1}]])
 def test_counts_that_make_no_sense_are_none(run, counts):
     restate(run, topics_with_message_count=counts)
     assert read(run) == (PARTS * EACH, [])
@@ -264,3 +262,24 @@ def test_devices_are_not_opened():
 def test_metadata_without_end_is_not_read(run, monkeypatch):
     monkeypatch.setattr(rosbag2_folder, 'MAX_METADATA_BYTES', 100)
     assert read(run)[1][0].startswith('its metadata.yaml is larger than 16 MiB')
+
+
+@pytest.mark.parametrize(
+    ('estimate', 'truth'),
+    [
+        ('vio/odometry', 'vio/odometry'),
+        ('vio/odometry', '{run}:vio/odometry'),
+        ('{run}/{file}:vio/odometry', '/vio/odometry'),
+    ],
+)
+def test_topics_may_be_named_without_their_slash(run, suffix, estimate, truth):
+    estimate, truth = (spec.format(run=run, file=f'run_0{suffix}') for spec in (estimate, truth))
+    result = document('replay', run, '--estimate', estimate, '--ground-truth', truth)
+    assert result['association']['pairs'] == (EACH if 'run_0' in estimate else PARTS * EACH)
+
+
+def test_what_is_neither_a_file_nor_a_topic_is_answered_with_the_topics(run):
+    problem = complaint('replay', run, '--estimate', 'vio/odom', '--ground-truth', TOPIC)
+    assert f'{run}:/vio/odom: there is no such topic' in problem
+    problem = complaint('replay', run, '--estimate', 'odom.txt', '--ground-truth', TOPIC)
+    assert 'odom.txt: No such file' in problem

@@ -77,7 +77,9 @@ def sources_of(arguments: argparse.Namespace) -> list[Source]:
             default if given is None else given
             for given, default in zip(specs, defaults, strict=True)
         ]
-    elif recording is not None and all(Spec.parse(spec).path for spec in specs):
+    elif recording is not None and all(
+        Spec.parse(spec, beside_recording=True).path for spec in specs
+    ):
         raise ConfigError(f'{recording} is not used: --estimate and --ground-truth are elsewhere')
     sources = read_sources(specs, recording, arguments.times, progress)
     if arguments.times is not None and not any(source.kind == 'kitti' for source in sources):

@@ -16,7 +16,6 @@ else:
     from backports import zstd
 
 ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'
-ZSTD_SUFFIXES = ('.zstd', '.zst')
 # how other compressed files begin, and what decompresses them
 OTHERS = {
     b'\x1f\x8b': 'gunzip',

@@ -10,8 +10,9 @@ from typing import Any, NamedTuple
 from ruamel.yaml import YAML
 
 from vio_eval_ros.errors import ReadError
+from vio_eval_ros.recordings.spec import storage_suffix
 from vio_eval_ros.recordings.storage import rooted
-from vio_eval_ros.recordings.storage_files import reading, storage_suffix
+from vio_eval_ros.recordings.storage_files import reading
 
 METADATA = 'metadata.yaml'
 MAX_METADATA_BYTES = 1 << 24
@@ -57,14 +58,6 @@ class Part(NamedTuple):
     def place(self) -> int:
         """Its place among the parts of its run."""
         return -1 if self.number is None else self.number
-
-
-def is_recording(folder: Path) -> bool:
-    """Return whether a folder is one of rosbag2: it has a metadata.yaml or storage files."""
-    try:
-        return folder.is_dir() and ((folder / METADATA).exists() or bool(_parts(folder)))
-    except OSError:
-        return False
 
 
 def storage_files(folder: Path) -> Folder:

@@ -16,7 +16,7 @@ from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings.layouts import poses_of, Reading
 from vio_eval_ros.recordings.progress import Progress, silent
-from vio_eval_ros.recordings.spec import exists, LENGTH_UNITS, RECORDING_SUFFIXES, Spec
+from vio_eval_ros.recordings.spec import is_recording, LENGTH_UNITS, Spec
 from vio_eval_ros.recordings.stamps import check_resolution, padded, run_of
 from vio_eval_ros.recordings.text import read_text
 
@@ -154,7 +154,7 @@ def default_topics(
 
 
 def _located(text: str, recording: Path | None) -> Spec:
-    spec = Spec.parse(text)
+    spec = Spec.parse(text, beside_recording=recording is not None)
     if spec.path is None:
         if recording is None:
             raise ReadError(
@@ -163,9 +163,7 @@ def _located(text: str, recording: Path | None) -> Spec:
                 'RECORDING:/topic',
             )
         return spec._replace(path=recording)
-    if spec.topic is None and (
-        spec.path.suffix in RECORDING_SUFFIXES or exists(spec.path / 'metadata.yaml')
-    ):
+    if spec.topic is None and is_recording(spec.path):
         raise ReadError(text, f'this is a recording; name a topic in it: {spec.path}:/topic')
     return spec
 

@@ -22,7 +22,10 @@ from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.recordings.rows import STAMP_UNITS
 
-RECORDING_SUFFIXES = ('.bag', '.db3', '.mcap', '.ulg')
+RECORDING_SUFFIXES = ('.bag', '.bag.active', '.db3', '.mcap', '.ulg')
+ZSTD_SUFFIXES = ('', '.zstd', '.zst')
+# a topic without its slash: file names that do not exist mostly have a dot
+BARE_TOPIC = r'[A-Za-z]\w*(/\w+)*([:\[].*)?'
 #: units of positions, and how many metres each has
 LENGTH_UNITS = {'m': 1.0, 'cm': 0.01, 'mm': 0.001, 'km': 1000.0}
 
@@ -79,8 +82,14 @@ class Spec(NamedTuple):
     statements: dict[str, str]
 
     @classmethod
-    def parse(cls, text: str) -> Spec:
-        """Return the parts; ``ConfigError`` for conventions that are unknown or do not apply."""
+    def parse(cls, text: str, *, beside_recording: bool = False) -> Spec:
+        """
+        Return the parts.
+
+        :param beside_recording: a recording is given, so that what is not the name of a file may
+            be a topic without its leading slash.
+        :raises ConfigError: conventions that are unknown or do not apply.
+        """
         if '?' in text and exists(Path(text)):
             return cls(Path(text), None, {})
         body, _, query = text.partition('?')
@@ -91,6 +100,9 @@ class Spec(NamedTuple):
         if len(statements) < len(stated):
             raise ConfigError(f'{text}: a convention is stated twice')
         path, topic = cls._located(body)
+        is_bare = beside_recording and topic is None and re.fullmatch(BARE_TOPIC, body)
+        if is_bare and not exists(Path(body)):
+            path, topic = None, f'/{body}'
         what = 'topic' if topic else 'file'
         for name, value in statements.items():
             _check(text, what, name, value)
@@ -101,8 +113,12 @@ class Spec(NamedTuple):
         """Return the file or recording, and the topic, that a spec names."""
         for colon in re.finditer(r':(?=/)', body):
             recording = Path(body[: colon.start()])
-            if recording.suffix in RECORDING_SUFFIXES or exists(recording):
+            if is_recording(recording) or exists(recording):
                 return recording, body[colon.end() :]
+        for colon in re.finditer(':', body):
+            recording = Path(body[: colon.start()])
+            if is_recording(recording) and not exists(Path(body)):
+                return recording, f'/{body[colon.end() :]}'
         if body.startswith('/') and not exists(Path(body)):
             return None, body
         return Path(body), None
@@ -121,6 +137,27 @@ def _check(text: str, what: str, name: str, value: str) -> None:
         raise ConfigError(f'{text}: {name} does not apply to a {what}')
     if not re.fullmatch(statement.pattern, value):
         raise ConfigError(f"{text}: {name} must be {statement.expected}, not '{value}'")
+
+
+def storage_suffix(name: str) -> str | None:
+    """Return which of ``RECORDING_SUFFIXES`` a name has, compressed or not; None without one."""
+    for suffix in RECORDING_SUFFIXES:
+        if any(name.endswith(f'{suffix}{packed}') for packed in ZSTD_SUFFIXES):
+            return suffix
+    return None
+
+
+def is_recording(path: Path) -> bool:
+    """Return whether a path is a recording by its name, or by what is in the folder."""
+    try:
+        if not path.is_dir():
+            return storage_suffix(path.name) is not None
+        return (path / 'metadata.yaml').exists() or (
+            not (path / 'mav0').is_dir()  # EuRoC's folders may have their bag in them
+            and any(storage_suffix(file.name) and file.is_file() for file in path.iterdir())
+        )
+    except (OSError, ValueError):  # such as a name that is too long
+        return False
 
 
 def exists(path: Path) -> bool:

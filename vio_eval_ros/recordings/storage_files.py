@@ -10,12 +10,8 @@ from typing import NamedTuple
 
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings import mcap_storage, ros1_storage, sqlite_storage
-from vio_eval_ros.recordings.compression import (
-    decompressed_file,
-    OTHERS,
-    ZSTD_MAGIC,
-    ZSTD_SUFFIXES,
-)
+from vio_eval_ros.recordings.compression import decompressed_file, OTHERS, ZSTD_MAGIC
+from vio_eval_ros.recordings.spec import storage_suffix
 from vio_eval_ros.recordings.storage import RefusedError, Storage
 
 ACTIVE = '.active'  # behind the name of a ROS 1 bag while it is recorded
@@ -74,14 +70,6 @@ def open_file(path: Path, stack: ExitStack) -> StorageFile:
         return StorageFile(path, kind, FILE_KINDS[kind].storage(content, stack))
 
 
-def storage_suffix(name: str) -> str | None:
-    """Return which of the suffixes of storage files a name has, compressed or not; or None."""
-    for suffix in ZSTD_SUFFIXES:
-        name = name.removesuffix(suffix)
-    name = name.removesuffix(ACTIVE) if name.endswith(f'.bag{ACTIVE}') else name
-    return next((kind.suffix for kind in FILE_KINDS.values() if name.endswith(kind.suffix)), None)
-
-
 def _begin(path: Path) -> bytes:
     with path.open('rb') as stream:
         return stream.read(100)
@@ -96,7 +84,7 @@ def _identified(path: Path, begin: bytes) -> str:
     for magic, command in OTHERS.items():
         if begin.startswith(magic):
             raise ReadError(path, f'is compressed; decompress it first: {command} {path.name}')
-    suffix = storage_suffix(path.name)
+    suffix = (storage_suffix(path.name) or '').removesuffix(ACTIVE)
     named = next((kind for kind, one in FILE_KINDS.items() if one.suffix == suffix), None)
     found = next((kind for kind, one in FILE_KINDS.items() if begin.startswith(one.magic)), None)
     if found and found != named:
