@@ -241,7 +241,7 @@ def test_poses_of_gazebo_are_chosen_by_name(tmp_path):
     path = recorded(tmp_path, 'protobuf', {'/world/pose/info': ('gz.msgs.Pose_V', messages)})
     (source,) = read_sources(['/world/pose/info[iris]'], path)
     assert_moving(source)
-    assert 'the pose is pose, the stamp header.stamp' in source.warnings[0]
+    assert 'the poses are in pose, the stamp is header.stamp' in source.warnings[0]
     with pytest.raises(ReadError, match=r'choose one: /world/pose/info\[iris\] \(moves'):
         read_sources(['/world/pose/info'], path)
 

@@ -141,6 +141,18 @@ def test_arrays_with_one_pose_are_that_pose(tmp_path, kind):
     assert_scored(path, '/poses')
 
 
+def test_states_of_models_may_have_a_header_as_in_ros_2(tmp_path):
+    stream = of_names(STATES, {'box': still, 'drone': pose})
+    definitions = {STATES: f'std_msgs/Header header\n{DEFINITIONS[STATES]}'}
+    messages = [{'header': header(k), **message} for k, message in enumerate(stream.messages)]
+    path = write(
+        tmp_path / 'run', 'mcap', stream._replace(messages=messages, definitions=definitions)
+    )
+    (source,) = read(path, '/poses[drone]')
+    assert_moving(source)
+    assert 'the stamp is header.stamp' in source.warnings[0]
+
+
 @pytest.mark.parametrize('kind', KINDS)
 @pytest.mark.parametrize('msgtype', [NAMED_POSES, STATES, RIGID_BODIES])
 def test_an_element_is_chosen_by_its_name(tmp_path, kind, msgtype):
@@ -148,7 +160,8 @@ def test_an_element_is_chosen_by_its_name(tmp_path, kind, msgtype):
     path = write(tmp_path / 'run', kind, odometry(), stream)
     (source,) = read(path, '/poses[drone/base link]')
     assert_moving(source, LOGGED if msgtype == STATES else STAMPS)
-    assert bool(source.warnings) == (msgtype == STATES)
+    assert 'is read by its definition: the poses are in ' in source.warnings[0]
+    assert len(source.warnings) == 1 + (msgtype == STATES)
     assert_scored(path, '/poses[drone/base link]')
 
 
@@ -186,7 +199,7 @@ def test_messages_without_the_element_are_counted(tmp_path):
     path = write(tmp_path / 'run', 'mcap', of_names(NAMED_POSES, bodies))
     (source,) = read(path, '/poses[late]')
     assert source.stamps_ns.tolist() == STAMPS[20:]
-    assert source.warnings == (f'{path}:/poses: [late] is in 40 of 60 messages',)
+    assert source.warnings[-1] == f'{path}:/poses: [late] is in 40 of 60 messages'
     with pytest.raises(ReadError, match='has several poses in a message'):
         read(path, '/poses')
 
@@ -339,7 +352,7 @@ def test_one_pose_in_a_definition_is_the_pose(tmp_path, kind):
     assert_moving(source)
     assert source.warnings == (
         f'{path}:/state: my_msgs/msg/Tracked is read by its definition: the pose is '
-        'state.estimate.pose, the stamp header.stamp',
+        'state.estimate.pose, the stamp is header.stamp',
     )
     assert_scored(path, '/state')
     with Recording(path) as opened:
@@ -378,7 +391,7 @@ def test_poses_are_recognised_by_what_they_are_made_of(tmp_path, fields, message
     path = write(tmp_path / 'run', 'mcap', stream)
     (source,) = read(path, '/own')
     assert_moving(source)
-    assert f'the pose is {named}, the stamp header.stamp' in source.warnings[0]
+    assert f'the pose is {named}, the stamp is header.stamp' in source.warnings[0]
 
 
 def own(tmp_path, fields, message, stamped=True):
@@ -404,7 +417,7 @@ def test_a_pose_in_a_definition_without_a_stamp_counts_when_recorded(tmp_path):
     path = own(tmp_path, 'geometry_msgs/Pose pose', lambda k: {'pose': pose(k)}, stamped=False)
     (source,) = read(path, '/own')
     assert_moving(source, LOGGED)
-    assert 'the stamp missing' in source.warnings[0]
+    assert 'it has no stamp' in source.warnings[0]
     assert 'the time at which it was recorded' in source.warnings[1]
 
 
@@ -478,13 +491,12 @@ def strip_definitions(path):
 
 
 def test_a_known_type_defined_otherwise_is_refused_with_what_is_missing(tmp_path):
-    name = 'mocap4r2_msgs/msg/RigidBodies'
-    stream = Stream('/bodies', name, [{}] * 5, {name: 'std_msgs/Header header\nuint8 none'})
+    stream = Stream('/px4', VEHICLE, [{}] * 5, {VEHICLE: 'uint64 timestamp_sample\nuint8 none'})
     path = write(tmp_path / 'run', 'mcap', stream)
     with pytest.raises(
-        ReadError, match=r'is not read: here it is defined otherwise .*rigidbodies'
+        ReadError, match=r"is not read: here it is defined otherwise .* 'timestamp"
     ):
-        read(path, '/bodies')
+        read(path, '/px4')
 
 
 # --- PX4 ---

@@ -84,8 +84,9 @@ class Decoder:
         if self.is_ros and not self.is_known:
             raise UnsupportedMessage(
                 self.source,
-                f'{self.msgtype} is not read: the recording has no definition of it; rosbag2 '
-                'stores definitions in mcap (`ros2 bag convert`), and newer ones in SQLite too',
+                f'{self.msgtype} is not read: the recording has no definition of it; where '
+                f'{self.msgtype.partition("/")[0]} is installed, `ros2 bag convert` to mcap adds '
+                'it',
             )
         if self.msgtype in CONVERTERS:
             return CONVERTERS[self.msgtype]

@@ -111,11 +111,12 @@ def converter_of(source: str, msgtype: str, fields: Fields) -> Converter | Array
             f'{msgtype} is not read: it has several lists of poses ({listed}); publish one of '
             'them as a PoseArray',
         )
-    what = places[0].path if len(places) == 1 else lists[0].path if not places else 'each'
-    note = (
-        f'{source}: {msgtype} is read by its definition: the pose is {what or "the message"}, the '
-        f'stamp {stamp or "missing"}'
-    )
+    if places:
+        where = f'the pose is {" or ".join(one.path or "the message" for one in places)}'
+    else:
+        where = f'the poses are in {lists[0].path}'
+    when = f'the stamp is {stamp}' if stamp else 'it has no stamp'
+    note = f'{source}: {msgtype} is read by its definition: {where}, {when}'
 
     def stamped(message: Any) -> int:
         return stamp_ns(_get(message, stamp))

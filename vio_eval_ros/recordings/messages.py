@@ -191,28 +191,14 @@ CONVERTERS: dict[str, Converter | ArrayConverter] = {
     'geometry_msgs/msg/PoseArray': ArrayConverter(
         lambda message: _numbered(message.poses), pose_numbers, header_ns
     ),
-    'motion_capture_tracking_interfaces/msg/NamedPoseArray': ArrayConverter(
-        lambda message: ((one.name, one.pose) for one in message.poses), pose_numbers, header_ns
-    ),
-    'mocap4r2_msgs/msg/RigidBodies': ArrayConverter(
-        lambda message: ((one.rigid_body_name, one.pose) for one in message.rigidbodies),
-        pose_numbers,
-        header_ns,
-    ),
-    'gazebo_msgs/msg/ModelStates': ArrayConverter(
-        lambda message: zip(message.name, message.pose, strict=True), pose_numbers, None
-    ),
-    'gazebo_msgs/msg/LinkStates': ArrayConverter(
-        lambda message: zip(message.name, message.pose, strict=True), pose_numbers, None
-    ),
     'sensor_msgs/msg/NavSatFix': _FIX,
     'gps_msgs/msg/GPSFix': _FIX,
     'gps_common/msg/GPSFix': _FIX,
     'geographic_msgs/msg/GeoPointStamped': _geographic('position', geographic_numbers),
     'geographic_msgs/msg/GeoPoseStamped': _geographic('pose', geographic_pose_numbers),
-    'px4_msgs/msg/VehicleOdometry': _of_px4(px4.odometry_numbers),
-    'px4_msgs/msg/VehicleLocalPosition': _of_px4(px4.local_position_numbers),
-    'px4_msgs/msg/VehicleGlobalPosition': _of_px4(px4.global_position_numbers, Projection),
+    **{name: _of_px4(px4.odometry_numbers) for name in px4.ODOMETRY},
+    **{name: _of_px4(px4.local_position_numbers) for name in px4.LOCAL_POSITION},
+    **{name: _of_px4(px4.global_position_numbers, Projection) for name in px4.GLOBAL_POSITION},
     'foxglove.PoseInFrame': Converter(
         lambda message: [(stamp_ns(message.timestamp), pose_numbers(message.pose))]
     ),

@@ -15,7 +15,11 @@ import numpy as np
 
 from vio_eval_ros.core.rotation import multiply
 
-PACKAGE = 'px4_msgs/msg/'
+PACKAGE = 'px4_msgs/msg/Vehicle'
+# the types that have the same fields
+ODOMETRY = tuple(f'{PACKAGE}{name}Odometry' for name in ('', 'Visual', 'Mocap'))
+LOCAL_POSITION = tuple(f'{PACKAGE}LocalPosition{name}' for name in ('', 'Groundtruth'))
+GLOBAL_POSITION = tuple(f'{PACKAGE}GlobalPosition{name}' for name in ('', 'Groundtruth'))
 NED, FRD = 1, 2  # the values of pose_frame; 0 is unknown
 HALF = np.sqrt(0.5)
 #: by frame of the world: the quaternion that turns it to point up, and what that does to x y z

@@ -40,12 +40,12 @@ class Kind(NamedTuple):
 
 
 KINDS = tuple(
-    Kind(px4.PACKAGE + name, frozenset(['timestamp', *fields.split()]), numbers)
-    for name, fields, numbers in (
-        ('VehicleOdometry', 'position q pose_frame', px4.odometry_numbers),
-        ('VehicleOdometry', 'x y z q local_frame', px4.odometry_numbers),
-        ('VehicleLocalPosition', 'x y z xy_valid z_valid', px4.local_position_numbers),
-        ('VehicleGlobalPosition', 'lat lon alt', px4.global_position_numbers),
+    Kind(msgtype, frozenset(['timestamp', *fields.split()]), numbers)
+    for (msgtype, *_), fields, numbers in (
+        (px4.ODOMETRY, 'position q pose_frame', px4.odometry_numbers),
+        (px4.ODOMETRY, 'x y z q local_frame', px4.odometry_numbers),
+        (px4.LOCAL_POSITION, 'x y z xy_valid z_valid', px4.local_position_numbers),
+        (px4.GLOBAL_POSITION, 'lat lon alt', px4.global_position_numbers),
     )
 )
 
