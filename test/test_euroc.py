@@ -56,7 +56,7 @@ def test_every_file_of_gates_loads_and_limits_error_and_coverage(file):
     assert [(gate.metric, gate.comparison, gate.severity) for gate in gates] == [
         ('ate_trans_rmse_m', '<=', 'fail'),
         ('ate_trans_rmse_m', '<=', 'warn'),
-        ('coverage_ratio', '>=', 'fail'),
+        ('tracked_ratio', '>=', 'fail'),
     ]
     (failed_m,) = re.findall(r'(\d[\d.]*) m\b', file.read_text())
     assert gates[1].limit < gates[0].limit < float(failed_m)

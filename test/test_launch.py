@@ -199,7 +199,7 @@ def test_a_real_run_passes_the_gates_of_its_sequence(launched, tmp_path, shared_
         said = ended(process, 0)
     assert 'config/gates/euroc_V1_02.yaml' in said
     result = json.loads((tmp_path / 'result.json').read_text())
-    assert {gate['metric'] for gate in result['gates']} == {'ate_trans_rmse_m', 'coverage_ratio'}
+    assert {gate['metric'] for gate in result['gates']} == {'ate_trans_rmse_m', 'tracked_ratio'}
     assert result['verdict'] == 'pass'
 
 

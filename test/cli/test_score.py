@@ -27,7 +27,7 @@ ATE = 'ate_trans_rmse_m'
 # as evo does by default
 LIKE_EVO = (
     'options: {max_difference_s: 0.01, rpe_pairs: sequential, rpe_deltas: [1f, 10f]}\n'
-    'gates: {coverage_ratio: {min: 0}, ate_extent_ratio: {max: 100}, success_rate: {min: 0}}\n'
+    'gates: {tracked_ratio: {min: 0}, ate_extent_ratio: {max: 100}, success_rate: {min: 0}}\n'
 )
 GOLDEN = {
     'ate_none_trans_rmse_m': ('ate_none_trans', 'rmse'),
@@ -127,8 +127,8 @@ def test_verdicts_on_published_runs_are_those_found_by_hand(real, shared_data):
     gates = {
         'gates': '{ate_trans_rmse_m: {max: 0.24, warn: 0.1}}',
         'sequences.MH_01.gates.ate_trans_rmse_m': '[{max: 0.15}, {max: 0.19, of: worst}]',
-        'sequences.MH_01.gates.coverage_ratio.min': '0.4',
-        'sequences.V1_02_rpg.gates': '{coverage_ratio: {min: 0.8}, success_rate: {min: 0.5}}',
+        'sequences.MH_01.gates.tracked_ratio.min': '0.4',
+        'sequences.V1_02_rpg.gates': '{tracked_ratio: {min: 0.9}, success_rate: {min: 0.5}}',
     }
     found = result(real, *(f'--set={key}={value}' for key, value in gates.items()), status=1)
     sequences = {one['name']: one for one in found['sequences']}
@@ -154,7 +154,7 @@ def test_verdicts_on_published_runs_are_those_found_by_hand(real, shared_data):
     assert sequences['MH_01_mono']['metrics']['success_rate']['median'] == 0
     # the keyframes cover 65 % and the frames 81 %
     assert [run['success'] for run in sequences['V1_02_rpg']['runs']] == [False, True]
-    assert broken['V1_02_rpg'] == [('coverage_ratio', 'median', 'fail')]
+    assert broken['V1_02_rpg'] == [('tracked_ratio', 'median', 'fail')]
     verdicts = [one['verdict'] for one in found['sequences']]
     assert verdicts == ['pass', 'fail', 'fail', 'fail', 'fail']
 
@@ -177,7 +177,7 @@ def test_a_track_that_was_lost_fails_though_its_error_is_smaller(tmp_path, share
     assert lost['metrics'][ATE]['median'] < 0.04
     assert (whole['verdict'], lost['verdict']) == ('pass', 'fail')
     failed = {gate['metric'] for gate in lost['gates'] if not gate['passed']}
-    assert failed == {'coverage_ratio', 'success_rate'}
+    assert failed == {'tracked_ratio', 'success_rate'}
 
 
 @pytest.mark.slow

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from vio_eval_ros.core import rotation
-from vio_eval_ros.core.association import Associator, nearest
+from vio_eval_ros.core.association import Associator
 from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.matching import nearest
 from vio_eval_ros.core.trajectory import PairLog, Pairs, Poses
 from vio_eval_ros.errors import ConfigError
 
@@ -56,16 +57,22 @@ def associate(
     estimate: Poses, truth: Poses, deliveries=(), flush: bool = True, **options
 ) -> tuple[Pairs, Associator]:
     """Return the pairs of two streams that arrive in these batches, and the associator."""
-    associator, log = Associator(EvaluationConfig(**options)), PairLog()
+    associator = Associator(EvaluationConfig(**options))
+    logs = [PairLog() for _ in range(associator.kinds)]
+
+    def keep(decided) -> None:
+        for log, pairs in zip(logs, decided, strict=True):
+            log.append(pairs)
+
     waiting = {'estimate': estimate, 'ground_truth': truth}
     add = {'estimate': associator.add_estimate, 'ground_truth': associator.add_ground_truth}
     for name, size in [*deliveries, ('estimate', len(estimate)), ('ground_truth', len(truth))]:
         add[name](waiting[name][:size])
-        log.append(associator.decide())
+        keep(associator.decide())
         waiting[name] = waiting[name][size:]
     if flush:
-        log.append(associator.flush())
-    return log.all(), associator
+        keep(associator.flush())
+    return logs[associator.chosen].all(), associator
 
 
 def in_ms(pairs: Pairs) -> list[tuple[float, float]]:
@@ -137,7 +144,8 @@ def test_pairs_and_counts_do_not_depend_on_order_and_batches_of_arrival(
         one, other = getattr(first, side), getattr(second, side)
         assert asdict(other.counts) == asdict(one.counts)
         assert (other.used, other.settled) == (one.used, one.settled)
-    np.testing.assert_array_equal(second.coverage_ratio(), first.coverage_ratio())
+    np.testing.assert_equal(second.tracking(), first.tracking())
+    np.testing.assert_equal(second.statistics(), first.statistics())
 
 
 @given(JUMPING, JUMPING, st.lists(st.booleans()), st.sampled_from(['nearest', 'interpolate']))
@@ -148,7 +156,8 @@ def test_stamps_that_go_backwards_change_nothing_unless_they_come_late(
     estimate, truth, turns, association
 ):
     options = {'association': association, 'max_difference_s': 0.03, 'max_gap_s': 0.03}
-    associator, log = Associator(EvaluationConfig(**options)), PairLog()
+    associator = Associator(EvaluationConfig(**options))
+    logs = [PairLog() for _ in range(associator.kinds)]
     add = {'estimate': associator.add_estimate, 'ground_truth': associator.add_ground_truth}
     waiting = {'estimate': [10 * e + 4 for e in estimate], 'ground_truth': [10 * g for g in truth]}
     kept = {'estimate': [], 'ground_truth': []}
@@ -158,11 +167,14 @@ def test_stamps_that_go_backwards_change_nothing_unless_they_come_late(
         late = counts.late
         for stamp in waiting[side][:1]:
             add[side](squares([stamp]))
-            log.append(associator.decide())
+            for log, decided in zip(logs, associator.decide(), strict=True):
+                log.append(decided)
             if counts.late == late:
                 kept[side].append(stamp)
         del waiting[side][:1]
-    log.append(associator.flush())
+    for log, decided in zip(logs, associator.flush(), strict=True):
+        log.append(decided)
+    log = logs[associator.chosen]
     pairs, _ = associate(squares(kept['estimate']), squares(kept['ground_truth']), **options)
     assert in_ms(log.all()) == in_ms(pairs)
     np.testing.assert_array_equal(log.all().ground_truth.positions, pairs.ground_truth.positions)
@@ -184,13 +196,13 @@ def test_a_pair_is_decided_only_when_no_nearer_pose_can_come():
     associator = Associator(EvaluationConfig(max_difference_s=0.02))
     associator.add_ground_truth(poses([0, 10]))
     associator.add_estimate(poses([9]))
-    assert len(associator.decide()) == 0  # another estimate may be nearer to 10
+    assert len(associator.decide()[0]) == 0  # another estimate may be nearer to 10
     associator.add_estimate(poses([12]))
-    assert len(associator.decide()) == 0  # and, late but not too late, another truth to 9
+    assert len(associator.decide()[0]) == 0  # and, late but not too late, another truth to 9
     associator.add_ground_truth(poses([13]))
-    assert in_ms(associator.decide()) == [(9, 10)]
-    assert in_ms(associator.flush()) == [(12, 13)]
-    assert len(associator.flush()) == 0
+    assert in_ms(associator.decide()[0]) == [(9, 10)]
+    assert in_ms(associator.flush()[0]) == [(12, 13)]
+    assert len(associator.flush()[0]) == 0
 
 
 def test_the_time_offset_is_added_to_the_estimate():
@@ -207,37 +219,58 @@ def test_pairs_stay_apart_by_single_nanoseconds_in_todays_stamps():
     np.testing.assert_array_equal(pairs.ground_truth.stamps_ns, stamps)
 
 
-@given(st.integers(0, 2**32 - 1), DELIVERIES)
-def test_interpolated_truth_is_linear_in_position_and_slerp_in_orientation(seed, deliveries):
+@given(st.integers(0, 2**32 - 1), st.integers(5, 60), DELIVERIES)
+def test_the_denser_side_is_interpolated_linearly_in_position_and_by_slerp(
+    seed, count, deliveries
+):
     transform = pytest.importorskip('scipy.spatial.transform')
     rng = np.random.default_rng(seed)
     truth = poses(rng.integers(1, 1000, 30).cumsum() / 10)
     span = truth.stamps_ns[0] / MS, truth.stamps_ns[-1] / MS
-    estimate = poses(np.sort(rng.uniform(*span, 20)))
-    pairs, _ = associate(estimate, truth, deliveries, association='interpolate', max_gap_s=1.0)
-    np.testing.assert_array_equal(pairs.estimate.stamps_ns, estimate.stamps_ns)
-    np.testing.assert_array_equal(pairs.ground_truth.stamps_ns, estimate.stamps_ns)
+    estimate = poses(np.sort(rng.uniform(*span, count)))
+    pairs, associator = associate(
+        estimate, truth, deliveries, association='interpolate', max_gap_s=1000.0
+    )
+    median_e, median_g = (
+        np.sort(steps)[(len(steps) - 1) // 2]
+        for steps in (np.diff(estimate.stamps_ns), np.diff(truth.stamps_ns))
+    )
+    if abs(median_g / median_e - 1.1) > 0.05:  # medians are known to a percent or two
+        assert associator.chosen == (median_g > 1.1 * median_e)
+    sparse, dense = (truth, estimate) if associator.chosen else (estimate, truth)
+    found = pairs.estimate if associator.chosen else pairs.ground_truth
+    at = sparse.stamps_ns
+    at = at[(at >= dense.stamps_ns[0]) & (at <= dense.stamps_ns[-1])]
+    np.testing.assert_array_equal(pairs.estimate.stamps_ns, at)
+    np.testing.assert_array_equal(pairs.ground_truth.stamps_ns, at)
     for axis in range(3):
-        expected = np.interp(estimate.stamps_ns, truth.stamps_ns, truth.positions[:, axis])
+        expected = np.interp(at, dense.stamps_ns, dense.positions[:, axis])
         # 1 ns of at least 100 µs, in metres of at most a few
-        np.testing.assert_allclose(pairs.ground_truth.positions[:, axis], expected, atol=1e-12)
-    slerp = transform.Slerp(truth.stamps_ns, transform.Rotation.from_quat(truth.rotations))
-    expected = slerp(estimate.stamps_ns).as_quat()
-    assert rotation.angle_between(pairs.ground_truth.rotations, expected).max() < 1e-7
+        np.testing.assert_allclose(found.positions[:, axis], expected, atol=1e-6)
+    slerp = transform.Slerp(dense.stamps_ns, transform.Rotation.from_quat(dense.rotations))
+    assert rotation.angle_between(found.rotations, slerp(at).as_quat()).max(initial=0) < 1e-7
 
 
 def test_truth_is_interpolated_over_no_gap_that_is_too_long_and_not_beyond_its_ends():
     truth = poses([0, 100, 200, 301])
     pairs, _ = associate(
-        poses([-1, 0, 50, 150, 200, 250, 301, 302]),
-        truth,
-        association='interpolate',
-        max_gap_s=0.1,
+        poses([-200, 0, 150, 250, 301, 502]), truth, association='interpolate', max_gap_s=0.1
     )
-    assert pairs.estimate.stamps_ns.tolist() == [0, 50 * MS, 150 * MS, 200 * MS, 301 * MS]
-    np.testing.assert_array_equal(
-        pairs.ground_truth.positions[[0, 3, 4]], truth.positions[[0, 2, 3]]
+    assert pairs.estimate.stamps_ns.tolist() == [0, 150 * MS, 301 * MS]
+    np.testing.assert_array_equal(pairs.ground_truth.positions[[0, 2]], truth.positions[[0, 3]])
+
+
+def test_the_estimate_is_interpolated_over_no_gap_that_is_too_long():
+    estimate = poses([0, 100, 200, 301, 401])
+    pairs, associator = associate(
+        estimate, poses([-200, 0, 150, 250, 401, 700]), association='interpolate', max_gap_s=0.1
     )
+    assert in_ms(pairs) == [(0, 0), (150, 150), (401, 401)]
+    np.testing.assert_array_equal(pairs.estimate.positions[[0, 2]], estimate.positions[[0, 4]])
+    found = associator.statistics()
+    assert math.isnan(found['unmatched_estimates'])
+    assert found['unmatched_ground_truth'] == 3
+    assert found['matched_ratio'] == 0.5
 
 
 def test_interpolation_without_orientations_gives_positions_alone():
@@ -262,19 +295,19 @@ def test_a_pose_whose_pairing_was_decided_comes_late_and_is_counted():
     associator = Associator(EvaluationConfig())
     associator.add_ground_truth(poses([0, 10, 20, 30]))
     associator.add_estimate(poses([0, 10, 20, 30]))
-    assert len(associator.decide()) == 4
+    assert len(associator.decide()[0]) == 4
     associator.add_estimate(poses([15, 10, 40]))
-    assert len(associator.decide()) == 0
+    assert len(associator.decide()[0]) == 0
     counts = associator.estimate.counts
     assert (counts.late, counts.duplicate, counts.went_backwards) == (1, 1, 2)
     associator.add_ground_truth(poses([40]))
-    assert len(associator.decide()) == 1
+    assert len(associator.decide()[0]) == 1
 
 
 def test_what_comes_after_the_flush_is_late():
     _, associator = associate(poses([0, 10]), poses([0, 10]))
     associator.add_estimate(poses([20]))
-    assert len(associator.decide()) == 0
+    assert len(associator.decide()[0]) == 0
     assert associator.estimate.counts.late == 1
 
 
@@ -334,15 +367,68 @@ def test_coverage_is_the_share_of_time_between_pairs_without_a_gap(
         max_gap_s=0.06,
         max_difference_s=0.002,
     )
-    assert associator.coverage_ratio() == pytest.approx(ratio, rel=1e-12)
+    assert associator.tracking().coverage_ratio == pytest.approx(ratio, rel=1e-12)
 
 
 def test_coverage_leaves_out_the_gaps_of_the_ground_truth():
     truth = [*range(0, 500, 10), *range(900, 1400, 10)]
     _, associator = associate(poses(SECOND), poses(truth), max_gap_s=0.06, max_difference_s=0)
-    assert associator.coverage_ratio() == pytest.approx((490 + 100) / (490 + 490), rel=1e-12)
+    assert associator.tracking().coverage_ratio == pytest.approx(
+        (490 + 100) / (490 + 490), rel=1e-12
+    )
 
 
 def test_coverage_without_ground_truth_is_not_a_number():
-    assert math.isnan(associate(poses(SECOND), poses([]))[1].coverage_ratio())
-    assert math.isnan(associate(poses(SECOND), poses([0]))[1].coverage_ratio())
+    for truth in ([], [0]):
+        tracking = associate(poses(SECOND), poses(truth))[1].tracking()
+        assert math.isnan(tracking.coverage_ratio)
+
+
+@pytest.mark.parametrize('association', ['nearest', 'interpolate'])
+@pytest.mark.parametrize('size', [1, 7, 1000])
+@pytest.mark.parametrize('start', [0, 20_000, 45_000])
+def test_coverage_of_a_sparse_truth_is_the_share_of_its_poses_with_a_partner(
+    association, size, start
+):
+    truth = np.arange(0, 60_001, 1000)
+    estimate = np.arange(start, 52_001, 50)
+    pairs, associator = associate(
+        poses(estimate), poses(truth), [('ground_truth', 1), ('estimate', size)] * 400,
+        association=association,
+    )  # fmt: skip
+    assert in_ms(pairs) == [(t, t) for t in range(start, 52_001, 1000)]
+    found = associator.tracking()
+    assert found.coverage_ratio == pytest.approx(len(pairs) / 61, rel=1e-12)
+    assert found.tracked_ratio == pytest.approx(len(pairs) / (61 - start / 1000), rel=1e-12)
+    assert found.initialisation_s == start / 1000
+    assert found.truth_period_s == pytest.approx(1.0, rel=0.02)
+    assert found.hole_ratio == 0
+
+
+@pytest.mark.parametrize('association', ['nearest', 'interpolate'])
+def test_what_comes_before_the_first_pair_is_initialisation(association):
+    options = {'association': association, 'max_gap_s': 0.06, 'max_difference_s': 0.002}
+    _, associator = associate(poses(SECOND[60:]), poses(SECOND), **options)
+    found = associator.tracking()
+    assert found.initialisation_s == pytest.approx(SECOND[60] / 1000)
+    assert found.tracked_ratio == 1
+    assert found.coverage_ratio < 0.5
+    _, associator = associate(poses(SECOND), poses(SECOND), **options)
+    found = associator.tracking()
+    assert (found.initialisation_s, found.tracked_ratio, found.coverage_ratio) == (0, 1, 1)
+    _, associator = associate(poses(SECOND), poses(SECOND), start_s=0.5, **options)
+    assert associator.tracking().initialisation_s == 0
+    _, associator = associate(poses([5000]), poses(SECOND), **options)
+    found = associator.tracking()
+    assert math.isnan(found.initialisation_s)
+    assert math.isnan(found.tracked_ratio)
+
+
+def test_a_hole_of_the_truth_is_measured_by_its_own_period():
+    ends = [*range(0, 10_001, 100), *range(110_000, 120_001, 100)]
+    _, associator = associate(poses(np.arange(0, 120_001, 200)), poses(ends))
+    found = associator.tracking()
+    assert found.hole_ratio == pytest.approx(100 / 120)
+    assert found.hole_s == 0.5
+    _, associator = associate(poses(np.arange(0, 120_001, 200)), poses(ends[::50]))
+    assert associator.tracking().hole_s == pytest.approx(15.0)

@@ -24,6 +24,8 @@ VALUES = {
     'ate_trans_rmse_m': 0.1,
     'ate_extent_ratio': 0.01,
     'coverage_ratio': 0.99,
+    'tracked_ratio': 0.99,
+    'initialisation_s': 0.0,
     'matched_ratio': 0.98,
 }
 ESTIMATE = TopicState(
@@ -169,6 +171,8 @@ def test_the_association_counts_every_pose_that_was_not_used():
     assert status.values == {
         'pairs': 100,
         'coverage_ratio': 0.99,
+        'tracked_ratio': 0.99,
+        'initialisation_s': 0.0,
         'matched_ratio': 0.98,
         'estimate_poses': 100,
         'estimate_late': 1,
@@ -191,13 +195,20 @@ def test_low_coverage_and_a_side_that_ends_early_are_warnings_the_worse_first():
     ends = replace(HEALTHY, topics=(replace(ESTIMATE, newest_ns=105 * S), TRUTH))
     early = 'the estimate ends 15.0 s before the ground truth: no values for the rest'
     assert told(health.association(ends)) == ('WARN', early)
-    run = replace(with_values(coverage_ratio=0.8), estimate=SideState(9, {'late': 1}))
+    run = replace(with_values(tracked_ratio=0.8), estimate=SideState(9, {'late': 1}))
     assert told(health.association(replace(ends, run=run))) == (
         'WARN',
         f'only 80.0 % of the ground truth was tracked; {early}; estimate: dropped 1 late',
     )
-    unknown = replace(HEALTHY, run=with_values(coverage_ratio=math.nan))
+    unknown = replace(HEALTHY, run=with_values(tracked_ratio=math.nan))
     assert told(health.association(unknown))[0] == 'OK'
+    late = replace(HEALTHY, run=with_values(tracked_ratio=0.8, initialisation_s=15.0))
+    assert told(health.association(late)) == (
+        'WARN',
+        'only 80.0 % of the ground truth was tracked since the first estimate',
+    )
+    late = replace(HEALTHY, run=with_values(coverage_ratio=0.7, initialisation_s=15.0))
+    assert told(health.association(late)) == ('OK', 'running')
 
 
 def test_which_side_ends_early_takes_the_offset_into_account():

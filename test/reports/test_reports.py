@@ -118,8 +118,8 @@ def test_a_result_says_whether_it_is_a_success_and_why(passing):
     assert [
         (gate['metric'], gate['comparison'], gate['limit'], gate['passed'])
         for gate in parsed['success_gates']
-    ] == [('coverage_ratio', '>=', 0.9, True), ('ate_extent_ratio', '<=', 0.5, True)]
-    metrics = passing.summary.metrics | {'ate_extent_ratio': 0.6, 'coverage_ratio': math.nan}
+    ] == [('tracked_ratio', '>=', 0.9, True), ('ate_extent_ratio', '<=', 0.5, True)]
+    metrics = passing.summary.metrics | {'ate_extent_ratio': 0.6, 'tracked_ratio': math.nan}
     summary = dataclasses.replace(passing.summary, metrics=metrics)
     lost = json.loads(REPORTS['json'](dataclasses.replace(passing, summary=summary)))
     assert lost['success'] is False

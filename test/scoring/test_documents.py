@@ -217,7 +217,7 @@ def test_junit_has_a_case_for_each_gate_and_comparison(result):
     }
     assert list(cases) == ['good', 'worse', 'new']
     assert set(cases['good']) == {
-        'coverage_ratio>=0.9',
+        'tracked_ratio>=0.9',
         'ate_extent_ratio<=0.5',
         'success_rate>=1',
         'ate_trans_rmse_m against the baseline',
@@ -228,13 +228,13 @@ def test_junit_has_a_case_for_each_gate_and_comparison(result):
     assert 'ate_trans_rmse_m<=0.1 (warning)' in cases['worse']
     failed = {name for name, failure in cases['new'].items() if failure is not None}
     assert failed == {
-        'coverage_ratio>=0.9',
+        'tracked_ratio>=0.9',
         'success_rate>=1',
         'ate_trans_rmse_m<=0.1',
         'ate_trans_rmse_m<=0.2 of the worst run',
     }
     assert 'new/1.tum: ' in cases['new']['success_rate>=1'].get('message')
-    assert 'new/2.tum: failed, coverage_ratio is 0.39' in cases['new']['success_rate>=1'].text
+    assert 'new/2.tum: failed, tracked_ratio is 0.39' in cases['new']['success_rate>=1'].text
     assert (root.get('tests'), root.get('failures'), root.get('errors')) == ('15', '5', '0')
 
 

@@ -72,9 +72,9 @@ def test_a_gate_may_be_on_the_worst_run(lab):
 def test_the_worst_of_a_floor_is_the_lowest(lab):
     lab.run('a/0.tum', 0.1)
     lab.run('a/1.tum', 0.1, until=0.95)
-    (one,) = lab.score('a, gates: {coverage_ratio: {min: 0.97, of: worst}}').sequences
+    (one,) = lab.score('a, gates: {tracked_ratio: {min: 0.97, of: worst}}').sequences
     found = {gate.over: verdict.value for gate, verdict in one.verdicts
-             if gate.gate.metric == 'coverage_ratio'}  # fmt: skip
+             if gate.gate.metric == 'tracked_ratio'}  # fmt: skip
     assert found['worst'] == pytest.approx(0.95, abs=0.01)
     assert not one.passed
 
@@ -95,7 +95,7 @@ def test_a_median_is_of_all_runs_and_not_of_those_that_survived(lab):
     gates = f'{{{ATE}: {{max: 0.2}}, success_rate: {{min: 0.2}}}}'
     (one,) = lab.score(f'a, gates: {gates}').sequences
     assert verdicts(one) == {
-        'coverage_ratio': 'fail', 'ate_extent_ratio': 'fail', 'success_rate': 'pass', ATE: 'fail'
+        'tracked_ratio': 'fail', 'ate_extent_ratio': 'fail', 'success_rate': 'pass', ATE: 'fail'
     }  # fmt: skip
     assert all(math.isnan(verdict.value) for _, verdict in one.verdicts if not verdict.passed)
 
@@ -103,13 +103,13 @@ def test_a_median_is_of_all_runs_and_not_of_those_that_survived(lab):
 def test_a_run_without_a_number_counts_as_the_worst_in_the_median(lab):
     lab.runs('a', 0.1, 0.2)
     (lab.folder / 'a/2.tum').write_text('')
-    gates = f'{{success_rate: {{min: 0.5}}, {ATE}: {{max: 0.19}}, coverage_ratio: {{min: 0.9}}}}'
+    gates = f'{{success_rate: {{min: 0.5}}, {ATE}: {{max: 0.19}}, tracked_ratio: {{min: 0.9}}}}'
     (one,) = lab.score(f'a, gates: {gates}').sequences
     found = {gate.gate.metric: verdict.value for gate, verdict in one.verdicts}
     assert found[ATE] == pytest.approx(0.2)  # of 0.1, 0.2 and worse
     assert one.metrics[ATE].median == pytest.approx(0.15)
     assert verdicts(one)[ATE] == 'fail'
-    assert verdicts(one)['coverage_ratio'] == 'pass'
+    assert verdicts(one)['tracked_ratio'] == 'pass'
 
 
 def test_a_warning_stands_beside_a_failure_and_fails_nothing(lab):
@@ -125,7 +125,7 @@ def test_a_lost_track_fails_though_its_error_is_small(lab):
     lab.run('lost/0.tum', 0.01, until=0.5)
     whole, lost = lab.score('whole', 'lost').sequences
     assert lost.metrics[ATE].median < whole.metrics[ATE].median
-    assert verdicts(lost)['coverage_ratio'] == 'fail'
+    assert verdicts(lost)['tracked_ratio'] == 'fail'
     assert verdicts(lost)['success_rate'] == 'fail'
     assert (whole.passed, lost.passed) == (True, False)
 

@@ -31,7 +31,7 @@ sequences:
     estimate: runs/two.tum
     ground_truth: gt.tum
     options: {alignment: sim3}
-    gates: {ate_trans_rmse_m: {max: 0.1}, coverage_ratio: {min: 0.5}}
+    gates: {ate_trans_rmse_m: {max: 0.1}, tracked_ratio: {min: 0.5}}
     tags: [hard]
 """
 
@@ -188,16 +188,16 @@ def test_a_path_with_the_signs_of_a_glob_in_it_is_that_path(folder):
 def test_defaults_keep_a_lost_track_from_winning_whatever_else_is_asked(folder):
     for gates in (
         '{}',
-        '{coverage_ratio: {max: 1}, ate_extent_ratio: {min: 0}, success_rate: {max: 1}}',
+        '{tracked_ratio: {max: 1}, ate_extent_ratio: {min: 0}, success_rate: {max: 1}}',
     ):
         sequence = load(folder, one(f'gates: {gates}')).sequences[0]
         assert {RunsGate(gate) for gate in DEFAULT_GATES} <= set(sequence.gates)
         assert {gate.metric for gate in sequence.success_gates} == {
-            'coverage_ratio',
+            'tracked_ratio',
             'ate_extent_ratio',
         }
     found = limits(load(folder), 1)
-    assert found['coverage_ratio', '>=', 'fail'] == 0.5
+    assert found['tracked_ratio', '>=', 'fail'] == 0.5
     assert found['ate_extent_ratio', '<=', 'fail'] == 0.5
 
 
@@ -293,7 +293,7 @@ GLOB = 'runs/one/*.tum'
         (BOUNDS, '{warn: 0.2}', 'line 2: gate ate_trans_rmse_m: warn needs'),
         (BOUNDS, '{max: 0.3, warn: 0.4}', 'line 2: gate ate_trans_rmse_m: warn: 0.4 is beyond'),
         (BOUNDS, '{max: 0.1, min: 0.2}', 'line 2: gate ate_trans_rmse_m: no value is both >= 0.2'),
-        ('coverage_ratio: {min: 0.5', 'success_rate: {min: 2', 'no value is both >= 2 and <= 1'),
+        ('tracked_ratio: {min: 0.5', 'success_rate: {min: 2', 'no value is both >= 2 and <= 1'),
         ('gt.tum\n    options', 'no.tum\n    options', 'line 10: ground_truth: there is no '),
         ('gt.tum\n    options', '/gt\n    options', 'line 10: ground_truth: there is no /gt'),
         (

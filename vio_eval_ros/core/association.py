@@ -2,31 +2,59 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass
 import math
 
 import numpy as np
 
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.core.interpolation import between
-from vio_eval_ros.core.intervals import Intervals, nanoseconds
+from vio_eval_ros.core.intervals import nanoseconds
+from vio_eval_ros.core.matching import (
+    EstimateInterpolated,
+    Matching,
+    Nearest,
+    nearest,
+    TruthInterpolated,
+)
 from vio_eval_ros.core.preparation import Preparation
 from vio_eval_ros.core.side import AFTER_ALL, BEFORE_ALL, Side
-from vio_eval_ros.core.trajectory import as_slice, Pairs, Poses
+from vio_eval_ros.core.trajectory import Pairs, Poses
+
+#: how many times as long as that of the other its median interval is, where a side is sparser
+SPARSER_RATIO = 1.1
 
 
-def nearest(stamps: np.ndarray, others: np.ndarray) -> np.ndarray:
+@dataclass(frozen=True)
+class Tracking:
     """
-    Return for each stamp the index of the nearest of ``others``; ties go to the earlier one.
+    How much of a run was evaluated at all.
 
-    :param stamps: (N,) sorted.
-    :param others: (M,) sorted, M >= 1.
+    :param coverage_ratio: share of the ground truth in which the estimate was tracking.
+    :param tracked_ratio: the same from the first pair on.
+    :param initialisation_s: from the first true pose to the first pair.
+    :param matched_ratio: pairs over the poses of the side that is not interpolated.
+    :param truth_period_s: the median interval of a truth so sparse that it has long intervals
+        only; NaN of any other.
+    :param hole_s: the interval above which ground truth has a hole.
+    :param hole_ratio: share of the time since the first pair that is in such holes.
     """
-    after = np.searchsorted(others, stamps).clip(max=len(others) - 1)
-    before = (after - 1).clip(min=0)
-    return np.asarray(
-        np.where(np.abs(stamps - others[before]) <= np.abs(others[after] - stamps), before, after)
-    )
+
+    coverage_ratio: float = math.nan
+    tracked_ratio: float = math.nan
+    initialisation_s: float = math.nan
+    matched_ratio: float = math.nan
+    truth_period_s: float = math.nan
+    hole_s: float = math.nan
+    hole_ratio: float = 0.0
+
+    def ratios(self) -> dict[str, float]:
+        """Return the figures that are metrics, by their names."""
+        return {
+            'coverage_ratio': self.coverage_ratio,
+            'tracked_ratio': self.tracked_ratio,
+            'initialisation_s': self.initialisation_s,
+            'matched_ratio': self.matched_ratio,
+        }
 
 
 class Associator:
@@ -36,11 +64,13 @@ class Associator:
     The *horizon* is the stamp that both streams have reached; poses at or before it that arrive
     later are too late. A pair is decided as soon as no pose after the horizon could separate it.
     Hence neither the order in which the streams arrive nor the size of the batches matters.
+
+    With interpolation, which side is the denser one is known for certain only at the end: until
+    then there are pairs of both kinds, and those count that suit the intervals so far.
     """
 
     def __init__(self, config: EvaluationConfig) -> None:
         self._gap_ns = nanoseconds(config.max_gap_s)
-        self._tolerance_ns = nanoseconds(config.max_difference_s)
         self._start_ns = nanoseconds(config.start_s)
         self._end_ns = None if math.isinf(config.end_s) else nanoseconds(config.end_s)
         self._config = config
@@ -48,7 +78,12 @@ class Associator:
         self.estimate = Side(Preparation.of_estimate(config), self._gap_ns)
         self.ground_truth = Side(Preparation.of_ground_truth(config), self._gap_ns)
         self.closest_ns: int | None = None
-        self._begin()
+        self._begin_ns: int | None = None
+        self._matchings: tuple[Matching, ...] = (
+            (TruthInterpolated(self._gap_ns), EstimateInterpolated(self._gap_ns))
+            if config.association == 'interpolate'
+            else (Nearest(self._gap_ns, nanoseconds(config.max_difference_s)),)
+        )
 
     def add_estimate(self, poses: Poses) -> bool:
         """
@@ -65,53 +100,84 @@ class Associator:
     def _receive(self, side: Side, poses: Poses) -> bool:
         drops_earlier = side.receive(poses, self._horizon_ns)
         if drops_earlier:
-            self._begin()
+            self._begin_ns = None
+            for matching in self._matchings:
+                matching.begin()
         return drops_earlier
 
-    def _begin(self) -> None:
-        """Begin to count pairs."""
-        self._begin_ns: int | None = None
-        self._pairs = 0
-        self._difference_sum_ns = 0
-        self._difference_max_ns = 0
-        self._tracked = Intervals(self._gap_ns)
-
-    def decide(self) -> Pairs:
-        """Return the pairs that the poses since the last call decide."""
+    def decide(self) -> tuple[Pairs, ...]:
+        """Return the pairs that the poses since the last call decide, of each kind."""
         return self._advance(min(self.estimate.newest_ns, self.ground_truth.newest_ns))
 
-    def flush(self) -> Pairs:
-        """Return the remaining pairs; no more poses will come."""
+    def flush(self) -> tuple[Pairs, ...]:
+        """Return the remaining pairs, only of the kind that counts; no more poses will come."""
         return self._advance(AFTER_ALL)
 
-    def coverage_ratio(self) -> float:
-        """
-        Return the share of the ground truth's duration in which the estimate was tracking.
+    @property
+    def kinds(self) -> int:
+        """How many kinds of pairs there are."""
+        return len(self._matchings)
 
-        Intervals between poses count where they are no longer than ``max_gap_s`` or three median
-        intervals of the estimate. NaN without ground truth.
+    @property
+    def chosen(self) -> int:
+        """Which kind of pairs counts, by the intervals so far."""
+        return int(len(self._matchings) > 1 and self._truth_is_sparser())
+
+    def _truth_is_sparser(self) -> bool:
+        return self.ground_truth.period.ns() > SPARSER_RATIO * self.estimate.period.ns()
+
+    def tracking(self) -> Tracking:
         """
-        limit_ns = self.estimate.limit.longest_ns()
-        duration_ns = self.ground_truth.intervals.total_ns(limit_ns)
-        # the estimates of the first and last pair may lie outside the ground truth
-        return (
-            min(1.0, self._tracked.total_ns(limit_ns) / duration_ns) if duration_ns else math.nan
+        Return how much of the run was evaluated so far.
+
+        Intervals between poses count as tracking where they are no longer than ``max_gap_s`` or
+        three median intervals of either side. Where the truth is so sparse that its own period
+        decides that, its poses are counted instead of the time between them.
+        """
+        matching, truth = self._matchings[self.chosen], self.ground_truth
+        own_limit_ns = truth.limit.longest_ns()
+        limit_ns = max(self.estimate.limit.longest_ns(), own_limit_ns)
+        sparse = self._truth_is_sparser() and own_limit_ns > self._gap_ns
+        if sparse:
+            part, whole, since = matching.count, truth.settled, matching.true_poses
+        else:
+            part = matching.tracked.total_ns(limit_ns)
+            whole = truth.intervals.total_ns(limit_ns)
+            since = matching.since_first.total_ns(limit_ns)
+        counted = self.ground_truth.settled if self.chosen else self.estimate.settled
+        first_ns, span_ns = matching.first_ns, matching.since_first.span_ns
+        within_ns = matching.since_first.total_ns(own_limit_ns)
+        return Tracking(
+            # the estimates of the first and last pair may lie outside the ground truth
+            coverage_ratio=_share(part, whole),
+            tracked_ratio=_share(part, since),
+            initialisation_s=math.nan
+            if first_ns is None
+            else (first_ns - truth.first_used_ns) / 1e9,
+            matched_ratio=matching.count / counted if counted else math.nan,
+            truth_period_s=truth.period.ns() / 1e9 if sparse else math.nan,
+            hole_s=own_limit_ns / 1e9,
+            hole_ratio=1 - within_ns / span_ns if span_ns else 0.0,
         )
 
     def statistics(self) -> dict[str, float]:
         """Return counts, ratios and stamp differences, by their names in a result."""
-        count, settled = self._pairs, self.estimate.settled
-        unmatched_truth: float = self.ground_truth.settled - count
-        if self._config.association != 'nearest':
-            unmatched_truth = math.nan  # an interpolated pose has two sources
+        matching = self._matchings[self.chosen]
+        count = matching.count
+        unmatched: list[float] = [
+            side.settled - count for side in (self.estimate, self.ground_truth)
+        ]
+        if len(self._matchings) > 1:
+            unmatched[not self.chosen] = math.nan  # an interpolated pose has two sources
         return {
             'pairs': count,
-            'coverage_ratio': self.coverage_ratio(),
-            'matched_ratio': count / settled if settled else math.nan,
-            'abs_difference_mean_s': self._difference_sum_ns / count / 1e9 if count else math.nan,
-            'abs_difference_max_s': self._difference_max_ns / 1e9 if count else math.nan,
-            'unmatched_estimates': settled - count,
-            'unmatched_ground_truth': unmatched_truth,
+            **self.tracking().ratios(),
+            'abs_difference_mean_s': matching.difference_sum_ns / count / 1e9
+            if count
+            else math.nan,
+            'abs_difference_max_s': matching.difference_max_ns / 1e9 if count else math.nan,
+            'unmatched_estimates': unmatched[0],
+            'unmatched_ground_truth': unmatched[1],
         }
 
     def warnings(self) -> list[str]:
@@ -138,10 +204,14 @@ class Associator:
         spans = f'estimate spans {_span(estimate)} s, ground truth {_span(truth)} s'
         if self._config.association == 'nearest':
             tolerance = f'within {self._config.max_difference_s:g} s'
-            advice = 'is --max-difference-s too small, or --association interpolate meant?'
+            advice = 'try --association interpolate'
         else:
-            tolerance = f'where ground truth has no gap above {self._config.max_gap_s:g} s'
-            advice = 'is --max-gap-s too small?'
+            dense = ('ground truth', 'estimate')[self.chosen]
+            tolerance = f'where the {dense} has no gap above {self._config.max_gap_s:g} s'
+            advice = (
+                'neither side is dense enough to be interpolated; --association nearest pairs '
+                'equal stamps'
+            )
         apart = estimate.first_ns > truth.newest_ns or truth.first_ns > estimate.newest_ns
         if self.closest_ns is None or apart:
             return (
@@ -151,43 +221,46 @@ class Associator:
         closest = f'the closest stamps are {self.closest_ns / 1e9:g} s apart'
         return f'no pairs {tolerance}: {spans}; {closest}; {advice}'
 
-    def _advance(self, horizon_ns: int) -> Pairs:
+    def _advance(self, horizon_ns: int) -> tuple[Pairs, ...]:
         """Return the pairs between the last horizon and this one."""
+        nothing = tuple(Pairs.empty() for _ in self._matchings)
         if horizon_ns <= self._horizon_ns:
-            return Pairs.empty()
+            return nothing
         if self._start_ns or self._end_ns is not None:
             if horizon_ns < self.ground_truth.first_ns:
                 # an earlier ground truth, from which start_s and end_s count, may still come
-                return Pairs.empty()
+                return nothing
             if self._begin_ns is None:
                 self._begin_ns = self.ground_truth.first_ns
             if self._begin_ns != AFTER_ALL:
                 self._crop(self._begin_ns)
-        decided = self._nearest if self._config.association == 'nearest' else self._interpolated
-        pairs = decided(self._horizon_ns, horizon_ns)
-        self._count(pairs)
         for side in (self.estimate, self.ground_truth):
             side.settle(self._horizon_ns, horizon_ns)
-            side.forget(self._needed_from(horizon_ns))
+        self._note_closest()
+        decided = tuple(
+            self._decided(matching, horizon_ns)
+            if horizon_ns != AFTER_ALL or kind == self.chosen
+            else Pairs.empty()
+            for kind, matching in enumerate(self._matchings)
+        )
+        estimate, truth = self.estimate.waiting, self.ground_truth.waiting
+        needed_ns = min(
+            matching.needed_from(estimate, truth, horizon_ns) for matching in self._matchings
+        )
+        for side in (self.estimate, self.ground_truth):
+            side.forget(needed_ns)
         self._horizon_ns = horizon_ns
+        return decided
+
+    def _decided(self, matching: Matching, horizon_ns: int) -> Pairs:
+        """Return the pairs of one kind between the last horizon and this one."""
+        estimate, truth = self.estimate.waiting, self.ground_truth.waiting
+        pairs = Pairs.empty()
+        if len(estimate) and len(truth):
+            pairs = matching.between(estimate, truth, self._horizon_ns, horizon_ns)
+        reached = int(np.searchsorted(truth.stamps_ns, horizon_ns, side='right'))
+        matching.note(pairs, truth.stamps_ns[:reached], self._horizon_ns)
         return pairs
-
-    def _count(self, pairs: Pairs) -> None:
-        """Keep the counts of what was decided up to date."""
-        self._tracked.add(pairs.estimate.stamps_ns)
-        difference = np.abs(pairs.estimate.stamps_ns - pairs.ground_truth.stamps_ns)
-        self._pairs += len(pairs)
-        self._difference_sum_ns += int(difference.sum())
-        self._difference_max_ns = max(self._difference_max_ns, int(difference.max(initial=0)))
-
-    def _needed_from(self, horizon_ns: int) -> int:
-        """Return the stamp from which poses may still affect undecided pairs."""
-        if self._config.association == 'nearest':
-            # such a pair spans the horizon, and its competitors lie within the same distance of it
-            return horizon_ns - 3 * self._tolerance_ns
-        stamps = self.ground_truth.waiting.stamps_ns
-        passed = int(np.searchsorted(stamps, horizon_ns, side='right'))
-        return int(stamps[passed - 1]) if passed else BEFORE_ALL
 
     def _crop(self, zero_ns: int) -> None:
         """Drop poses outside ``start_s`` to ``end_s``, relative to the first ground truth."""
@@ -196,50 +269,18 @@ class Associator:
         for side in (self.estimate, self.ground_truth):
             side.crop(begin_ns, end_ns)
 
-    def _nearest(self, after_ns: int, until_ns: int) -> Pairs:
-        """Return mutually nearest poses, as far as the new horizon decides them."""
-        estimate, truth = self.estimate.waiting, self.ground_truth.waiting
-        if not len(estimate) or not len(truth):
-            return Pairs.empty()
-        partner = nearest(estimate.stamps_ns, truth.stamps_ns)
-        difference = np.abs(estimate.stamps_ns - truth.stamps_ns[partner])
-        self._note_closest(difference)
-        # up to this stamp, a pose could arrive that is nearer to one of the two
-        open_ns = np.maximum(estimate.stamps_ns, truth.stamps_ns[partner]) + difference
-        chosen = np.flatnonzero(
-            (difference <= self._tolerance_ns) & (open_ns > after_ns) & (open_ns <= until_ns)
-        )
-        candidates = partner[chosen]
-        mutual = nearest(truth.stamps_ns[candidates], estimate.stamps_ns) == chosen
-        return Pairs.of(estimate[as_slice(chosen[mutual])], truth[as_slice(candidates[mutual])])
-
-    def _interpolated(self, after_ns: int, until_ns: int) -> Pairs:
-        """Return estimates with interpolated truth, as far as the new horizon decides them."""
-        estimate, truth = self.estimate.waiting, self.ground_truth.waiting
-        if not len(estimate) or not len(truth):
-            return Pairs.empty()
-        truth = replace(truth, covariances=None)  # pairs have none of the truth
-        stamps = truth.stamps_ns
-        self._note_closest(
-            np.abs(estimate.stamps_ns - stamps[nearest(estimate.stamps_ns, stamps)])
-        )
-        after = np.searchsorted(stamps, estimate.stamps_ns)
-        inside = after < len(stamps)
-        # up to this stamp, a pose could arrive that is nearer to the estimate's
-        open_ns = stamps[after[inside]]
-        inside[inside] = (open_ns > after_ns) & (open_ns <= until_ns)
-        estimate, after = estimate[inside], after[inside]
-        exact = stamps[after] == estimate.stamps_ns
-        before = np.where(exact, after, after - 1)
-        usable = (before >= 0) & (stamps[after] - stamps[before] <= self._gap_ns)
-        estimate, begin, end = estimate[usable], truth[before[usable]], truth[after[usable]]
-        return Pairs.of(estimate, between(begin, end, estimate.stamps_ns, weighted=True))
-
-    def _note_closest(self, differences: np.ndarray) -> None:
+    def _note_closest(self) -> None:
         """Remember the smallest difference, which is reported where there are no pairs."""
-        closest = int(differences.min())
-        if self.closest_ns is None or closest < self.closest_ns:
-            self.closest_ns = closest
+        stamps, others = self.estimate.waiting.stamps_ns, self.ground_truth.waiting.stamps_ns
+        if len(stamps) and len(others) and not self._matchings[0].count:
+            closest_ns = int(np.abs(stamps - others[nearest(stamps, others)]).min())
+            self.closest_ns = min(
+                closest_ns, AFTER_ALL if self.closest_ns is None else self.closest_ns
+            )
+
+
+def _share(part: int, whole: int) -> float:
+    return min(1.0, part / whole) if whole else math.nan
 
 
 def _span(side: Side) -> str:

@@ -97,8 +97,8 @@ class EvaluationConfig(Options):
 
     association: str = option(
         'nearest',
-        'how stamps are matched: mutually nearest poses, or ground truth interpolated at '
-        'every estimate',
+        'how stamps are matched: mutually nearest poses, or the denser side interpolated at '
+        'every pose of the other',
         ASSOCIATIONS,
     )
     max_difference_s: float = option(
@@ -106,7 +106,7 @@ class EvaluationConfig(Options):
     )
     max_gap_s: float = option(
         0.5,
-        'longest interval that counts as tracking, and over which ground truth is interpolated',
+        'longest interval that counts as tracking, and over which poses are interpolated',
         minimum=0.0,
     )
     time_offset_s: float = option(0.0, 'added to the stamps of the estimate')

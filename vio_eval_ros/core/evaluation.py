@@ -13,17 +13,16 @@ Live node, ``replay`` and ``score`` all drive this one class::
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
-import math
 
 import numpy as np
 
 from vio_eval_ros.core.alignment import Aligner, Alignment, Moments
-from vio_eval_ros.core.association import Associator
+from vio_eval_ros.core.association import Associator, Tracking
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.intervals import nanoseconds
-from vio_eval_ros.core.metric import Observations
+from vio_eval_ros.core.metric import MetricValues, Observations
 from vio_eval_ros.core.metrics import METRICS
 from vio_eval_ros.core.trajectory import PairLog, Pairs, Poses
 
@@ -65,11 +64,18 @@ class Evaluation:
 
     def _begin(self) -> None:
         """Begin with no pairs."""
-        # it grows beyond the limit before it is downsampled
-        self._log = PairLog(2 * (self._max_pairs or 0))
-        self._metrics = [metric(self.config) for metric in METRICS.values()]
-        first_ns = nanoseconds(self.config.align_first_s)
-        self._aligner = Aligner(self.config.alignment, first_ns)
+        kinds = range(self.associator.kinds)
+        self._accounts = [_Account(self.config, self._max_pairs) for _ in kinds]
+
+    @property
+    def _account(self) -> _Account:
+        """The pairs that count, and what follows from them."""
+        return self._accounts[self.associator.chosen]
+
+    @property
+    def count(self) -> int:
+        """How many pairs there are so far."""
+        return self._account.log.count
 
     def add_estimate(self, poses: Poses) -> None:
         """Add a batch of estimated poses."""
@@ -85,10 +91,11 @@ class Evaluation:
         """Decide the remaining pairs: the streams have ended."""
         self._append(self.associator.flush())
 
-    def _append(self, pairs: Pairs) -> None:
+    def _append(self, decided: Iterable[Pairs]) -> None:
         sides = self.associator.estimate, self.associator.ground_truth
-        self._log.append(pairs)
-        self._log.position_only = (sides[0].position_only, sides[1].position_only)
+        for account, pairs in zip(self._accounts, decided, strict=True):
+            account.log.append(pairs)
+            account.log.position_only = (sides[0].position_only, sides[1].position_only)
 
     def running(self) -> dict[str, float]:
         """
@@ -97,41 +104,40 @@ class Evaluation:
         Each call takes in the pairs since the last one. They equal those of :meth:`summary` to
         1e-9 relative, unless errors of a few poses are a million times as large as the others.
         """
-        alignment = self.alignment()
-        values = {'pairs': self._log.count} | self._running(
-            self._observed(self._log, self._aligner.moments, alignment)
-        )
-        if self._max_pairs is not None:
-            self._log.downsample(self._max_pairs)  # running values have taken in every pair
-        return values
+        self._append(self.associator.decide())
+        tracking, chosen = self.associator.tracking(), self._account
+        values: dict[str, float] = {}
+        for account in self._accounts:  # each takes in every pair of its kind
+            found = account.running(account.observed(tracking))
+            values = found if account is chosen else values
+            if self._max_pairs is not None:
+                account.log.downsample(self._max_pairs)
+        return {'pairs': chosen.log.count} | values
 
     def aligned(self) -> tuple[Pairs, Alignment]:
         """Return pairs, evenly over the run so far, and the alignment of all."""
         alignment = self.alignment()
-        return self._log.evenly(), alignment
+        return self._account.log.evenly(), alignment
 
     def alignment(self) -> Alignment:
         """Take in the pairs that are decided by now; return the alignment of all."""
         self._append(self.associator.decide())
-        return self._aligner.solve(self._log, self._aligner.update(self._log))
+        return self._account.alignment()
 
     def since(self, index: int) -> Pairs:
         """Return the pairs from an index of the run on, as far as none is missing."""
-        return self._log.since(index)
+        return self._account.log.since(index)
 
     def window(self, seconds: float) -> dict[str, float]:
         """Return all metrics over the pairs of the last seconds, under the alignment of all."""
         alignment = self.alignment()
-        pairs, log = self._log.since(0), PairLog()
+        pairs, log = self.since(0), PairLog()
         stamps = pairs.estimate.stamps_ns
         if len(stamps):
             log.append(pairs[np.searchsorted(stamps, stamps[-1] - nanoseconds(seconds)) :])
-        observed = self._observed(log, Moments.of(log.all()), alignment)
-        metrics: dict[str, float] = {}
-        for metric in self._metrics:
-            metrics |= metric.final(observed).values
         # unpaired poses are counted over the whole run only
-        return metrics | {'coverage_ratio': math.nan, 'matched_ratio': math.nan}
+        observed = Observations(log, Moments.of(log.all()), alignment, Tracking())
+        return self._account.final(observed).values
 
     def summary(self, causal: Mapping[str, float] | None = None) -> Summary:
         """
@@ -140,47 +146,26 @@ class Evaluation:
         :param causal: the metrics of the estimate as first published, where it was revised since.
         """
         self._append(self.associator.decide())
-        pairs = self._log.evenly()
-        moments = self._aligner.update(self._log) if self._log.dropped else Moments.of(pairs)
-        alignment = self._aligner.solve(self._log, moments)
-        observed = self._observed(self._log, moments, alignment, causal)
-        warnings = [*self.associator.warnings(), *self._warnings(pairs, alignment)]
-        metrics: dict[str, float] = {}
-        for metric in self._metrics:
-            measured = metric.final(observed)
-            metrics |= measured.values
-            warnings += measured.warnings
-        if self._log.dropped:
-            metrics |= self._running(observed)
+        account = self._account
+        log, pairs = account.log, account.log.evenly()
+        moments = account.aligner.update(log) if log.dropped else Moments.of(pairs)
+        alignment = account.aligner.solve(log, moments)
+        observed = Observations(log, moments, alignment, self.associator.tracking(), causal)
+        measured = account.final(observed)
+        metrics = measured.values
+        if log.dropped:
+            metrics = metrics | account.running(observed)
         return Summary(
             pairs=pairs,
             association=self.associator.statistics(),
             alignment=alignment,
             metrics=metrics,
-            warnings=tuple(warnings),
+            warnings=(
+                *self.associator.warnings(),
+                *self._warnings(pairs, alignment),
+                *measured.warnings,
+            ),
         )
-
-    def _observed(
-        self,
-        log: PairLog,
-        moments: Moments,
-        alignment: Alignment,
-        causal: Mapping[str, float] | None = None,
-    ) -> Observations:
-        return Observations(
-            log=log,
-            moments=moments,
-            alignment=alignment,
-            coverage_ratio=self.associator.coverage_ratio(),
-            settled_estimates=self.associator.estimate.settled,
-            causal=causal,
-        )
-
-    def _running(self, observed: Observations) -> dict[str, float]:
-        values: dict[str, float] = {}
-        for metric in self._metrics:
-            values |= metric.running(observed)
-        return values
 
     def _warnings(self, pairs: Pairs, alignment: Alignment) -> Iterator[str]:
         """Yield why the motion or the number of pairs makes numbers unreliable."""
@@ -196,12 +181,48 @@ class Evaluation:
             )
         if len(pairs) < FEW_PAIRS:
             yield f'only {len(pairs)} pair{"s" * (len(pairs) != 1)}: the numbers mean little'
-        if self._log.dropped:
+        if self._account.log.dropped:
             yield (
-                f'{self._log.count} pairs, more than max_pairs: rmse, counts, path and ratios are '
+                f'{self.count} pairs, more than max_pairs: rmse, counts, path and ratios are '
                 f'over all of them, relative errors and segments over the newest '
                 f'{len(self.since(0))}, everything else over {len(pairs)} of the whole run'
             )
+
+
+class _Account:
+    """The pairs of one kind, and all that is kept up to date with them."""
+
+    def __init__(self, config: EvaluationConfig, max_pairs: int | None) -> None:
+        # it grows beyond the limit before it is downsampled
+        self.log = PairLog(2 * (max_pairs or 0))
+        self.aligner = Aligner(config.alignment, nanoseconds(config.align_first_s))
+        self._metrics = [metric(config) for metric in METRICS.values()]
+
+    def alignment(self) -> Alignment:
+        """Return the alignment of all pairs so far."""
+        return self.aligner.solve(self.log, self.aligner.update(self.log))
+
+    def observed(self, tracking: Tracking) -> Observations:
+        """Return what running values are computed from."""
+        alignment = self.alignment()
+        return Observations(self.log, self.aligner.moments, alignment, tracking)
+
+    def running(self, observed: Observations) -> dict[str, float]:
+        """Return the running values of all metrics."""
+        values: dict[str, float] = {}
+        for metric in self._metrics:
+            values |= metric.running(observed)
+        return values
+
+    def final(self, observed: Observations) -> MetricValues:
+        """Return all metrics, in one pass over the pairs."""
+        values: dict[str, float] = {}
+        warnings: list[str] = []
+        for metric in self._metrics:
+            measured = metric.final(observed)
+            values |= measured.values
+            warnings += measured.warnings
+        return MetricValues(values, tuple(warnings))
 
 
 def metric_names(config: EvaluationConfig) -> list[str]:

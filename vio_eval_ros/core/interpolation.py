@@ -24,6 +24,7 @@ def between(begin: Poses, end: Poses, stamps_ns: np.ndarray, weighted: bool = Fa
     :param stamps_ns: (N,) int64 nanoseconds.
     :param weighted: compute positions as a weighted mean, which is exact at both ends, instead of
         as a share of the step, which is not at the far one; the two differ by rounding only.
+        Covariances are weighted means as well.
     """
     weight = (stamps_ns - begin.stamps_ns) / np.maximum(end.stamps_ns - begin.stamps_ns, 1)
     share = weight[:, None]
@@ -34,7 +35,11 @@ def between(begin: Poses, end: Poses, stamps_ns: np.ndarray, weighted: bool = Fa
     rotations = None
     if begin.rotations is not None and end.rotations is not None:
         rotations = rotation.slerp(begin.rotations, end.rotations, weight)
-    return Trajectory(stamps_ns, positions, rotations)
+    covariances = None
+    if begin.covariances is not None and end.covariances is not None:
+        share = weight[:, None, None, None]
+        covariances = begin.covariances * (1 - share) + end.covariances * share
+    return Trajectory(stamps_ns, positions, rotations, covariances)
 
 
 def interpolated(poses: Poses, stamps_ns: np.ndarray) -> Trajectory:

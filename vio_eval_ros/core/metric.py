@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from vio_eval_ros.core.alignment import Alignment, Moments
+from vio_eval_ros.core.association import Tracking
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.statistics import statistics
 from vio_eval_ros.core.trajectory import PairLog, Pairs
@@ -22,16 +23,14 @@ class Observations:
     :param log: all pairs so far.
     :param moments: of their positions.
     :param alignment: the chosen one.
-    :param coverage_ratio: share of the ground truth's duration in which the estimate was tracking.
-    :param settled_estimates: estimated poses of which it is known whether they have a partner.
+    :param tracking: how much of the run was evaluated at all.
     :param causal: the metrics of the estimate as first published, where it was revised since.
     """
 
     log: PairLog
     moments: Moments
     alignment: Alignment
-    coverage_ratio: float
-    settled_estimates: int
+    tracking: Tracking
     causal: Mapping[str, float] | None = None
 
     @property

@@ -9,6 +9,7 @@ all errors of orientation: the absolute error is the angle between the alignment
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 import math
 
 import numpy as np
@@ -35,6 +36,8 @@ from vio_eval_ros.core.trajectory import blocks, Pairs
 
 ALWAYS_ALIGNED = ('none', 'posyaw', 'se3', 'sim3')
 MAX_GAIN = 1.05
+#: share of a run that is worth a sentence
+MUCH_OF_A_RUN = 0.1
 KITTI_LENGTHS_M = tuple(range(100, 900, 100))
 
 
@@ -137,6 +140,7 @@ class Rpe(Metric):
         metrics: dict[str, float] = {}
         warnings: list[str] = []
         pairs = observed.log.since(0)
+        gaps = Gaps.between(pairs, self.config)
         for delta in self._deltas:
             found = candidates(progress_along(pairs, delta.unit), delta, self.config.rpe_pairs)
             begin, end = found.begin[found.usable], found.end[found.usable]
@@ -146,8 +150,12 @@ class Rpe(Metric):
             metrics[f'rpe_{delta}_pairs'] = len(begin)
             if not len(begin):
                 warnings.append(f'rpe_{delta}: no two pairs are {delta} apart')
-            elif delta.unit == 'f':
-                warnings += self._bridged_gaps(delta, pairs, begin, end)
+            # motions over a time take that time, whatever there is between
+            elif delta.unit != 's' and (bridging := gaps.bridged(begin, end)):
+                warnings.append(
+                    f'rpe_{delta}: {bridging} of {len(begin)} relative motions bridge a gap '
+                    f'longer than {gaps.limit_s:g} s'
+                )
         return MetricValues(metrics, tuple(warnings))
 
     def running(self, observed: Observations) -> dict[str, float]:
@@ -156,22 +164,6 @@ class Rpe(Metric):
         for series in self._running:
             metrics |= series.update(observed)
         return metrics
-
-    def _bridged_gaps(
-        self, delta: Delta, pairs: Pairs, begin: np.ndarray, end: np.ndarray
-    ) -> list[str]:
-        """Return a warning where motions over some frames take much longer than usual."""
-        intervals = np.diff(pairs.estimate.stamps_ns)
-        gap_ns = nanoseconds(self.config.max_gap_s)
-        limit_ns = longest_tracked(gap_ns, float(np.median(intervals)))
-        gaps = np.concatenate([[0], np.cumsum(intervals > limit_ns)])
-        bridging = int(np.count_nonzero(gaps[end] > gaps[begin]))
-        if not bridging:
-            return []
-        return [
-            f'rpe_{delta}: {bridging} of {len(begin)} relative motions '
-            f'bridge a gap longer than {limit_ns / 1e9:g} s'
-        ]
 
 
 class RunningRpe:
@@ -240,6 +232,7 @@ class Segments(Metric):
 
         metrics: dict[str, float] = {}
         warnings = []
+        gaps = Gaps.between(pairs, self.config)
         for length in self.config.segment_lengths_m:
             name = f'segment_{plain(length)}m'
             metrics |= drift(name, (length,))
@@ -247,7 +240,17 @@ class Segments(Metric):
                 warnings.append(
                     f'{name} is null: the path of {path[-1]:.4g} m has no segment of that length'
                 )
-        return MetricValues(metrics | drift('kitti', KITTI_LENGTHS_M), tuple(warnings))
+        metrics |= drift('kitti', KITTI_LENGTHS_M)
+        measured = [
+            name.removesuffix('_segments')
+            for name, count in metrics.items()
+            if name.endswith('_segments') and count
+        ]
+        if gaps.count and measured:
+            warnings.append(
+                f'{", ".join(measured)}: segments may bridge gaps longer than {gaps.limit_s:g} s'
+            )
+        return MetricValues(metrics, tuple(warnings))
 
 
 class PathLength(Metric):
@@ -265,8 +268,29 @@ class PathLength(Metric):
         The drift is the relative error from the first pair to the last: of the pose, or without
         orientations of the displacement.
         """
-        path = progress_along(observed.pairs, 'm')
-        return MetricValues(_drift(observed, float(path[-1]) if len(path) > 1 else math.nan))
+        pairs, tracking = observed.pairs, observed.tracking
+        path = progress_along(pairs, 'm')
+        values = _drift(observed, float(path[-1]) if len(path) > 1 else math.nan)
+        gaps = Gaps.between(pairs, self.config)
+        warnings = []
+        if tracking.hole_ratio > MUCH_OF_A_RUN:
+            warnings.append(
+                'path_length_m and drift_percent are null: for '
+                f'{100 * tracking.hole_ratio:.0f} % of the time there is a gap longer than '
+                f'{tracking.hole_s:g} s in the ground truth, and its path there is not known'
+            )
+        elif gaps.count:
+            warnings.append(
+                f'path_length_m and drift_percent: {gaps.count} gap{"s" * (gaps.count != 1)} '
+                f'between pairs longer than {gaps.limit_s:g} s counted as straight lines'
+            )
+        if not math.isnan(tracking.truth_period_s):
+            warnings.append(
+                'path_length_m, drift_percent and distances in metres: the ground truth has a '
+                f'pose every {tracking.truth_period_s:.3g} s only, and straight lines between '
+                'those are shorter than the path'
+            )
+        return MetricValues(values, tuple(warnings))
 
     def running(self, observed: Observations) -> dict[str, float]:
         """Return the same, adding only the path since the last call."""
@@ -279,6 +303,8 @@ class PathLength(Metric):
 
 def _drift(observed: Observations, length_m: float) -> dict[str, float]:
     drift = math.nan
+    if observed.tracking.hole_ratio > MUCH_OF_A_RUN:
+        length_m = math.nan
     if length_m > 0:
         ends = observed.pairs[[0, -1]]
         whole = RelativeMotions.between(ends, np.array([0]), np.array([1]))
@@ -286,6 +312,38 @@ def _drift(observed: Observations, length_m: float) -> dict[str, float]:
         errors = dict(zip(RPE_KINDS, whole.errors(observed.alignment)[:, 0], strict=True))
         drift = 100 * float(errors[kind]) / length_m
     return {'path_length_m': length_m, 'drift_percent': drift}
+
+
+@dataclass(frozen=True, eq=False)
+class Gaps:
+    """
+    Intervals between pairs that are much longer than usual.
+
+    :param limit_s: above which they are.
+    :param passed: (N,) how many lie before each pair.
+    """
+
+    limit_s: float
+    passed: np.ndarray
+
+    @classmethod
+    def between(cls, pairs: Pairs, config: EvaluationConfig) -> Gaps:
+        """Return the gaps of N pairs."""
+        intervals = np.diff(pairs.estimate.stamps_ns)
+        if not len(intervals):
+            return cls(config.max_gap_s, np.zeros(len(pairs), np.int64))
+        gap_ns = nanoseconds(config.max_gap_s)
+        limit_ns = longest_tracked(gap_ns, float(np.median(intervals)))
+        return cls(limit_ns / 1e9, np.concatenate([[0], np.cumsum(intervals > limit_ns)]))
+
+    @property
+    def count(self) -> int:
+        """How many there are."""
+        return int(self.passed[-1]) if len(self.passed) else 0
+
+    def bridged(self, begin: np.ndarray, end: np.ndarray) -> int:
+        """Return how many of (M,) motions between pairs bridge a gap."""
+        return int(np.count_nonzero(self.passed[end] > self.passed[begin]))
 
 
 class Nees(Metric):
@@ -332,22 +390,21 @@ class Coverage(Metric):
     """How much of the run was evaluated at all: the condition of every other number."""
 
     def final(self, observed: Observations) -> MetricValues:
-        """Return the share of the time that was tracked, and of the estimates that were paired."""
+        """Return the shares that were tracked and paired, and when the estimate began."""
+        found = observed.tracking
         warnings = []
-        if math.isnan(observed.coverage_ratio) and observed.log.count:
+        if math.isnan(found.coverage_ratio) and observed.log.count:
+            warnings.append('coverage_ratio is null: the ground truth has fewer than two poses')
+        if found.tracked_ratio - found.coverage_ratio > MUCH_OF_A_RUN:
             warnings.append(
-                'coverage_ratio is null: no two poses of the ground truth are within max_gap_s '
-                f'({self.config.max_gap_s:g} s)'
+                f'the estimate begins {found.initialisation_s:.3g} s after the ground truth: '
+                f'coverage_ratio is over all of it, tracked_ratio from then on'
             )
         return MetricValues(self.running(observed), tuple(warnings))
 
     def running(self, observed: Observations) -> dict[str, float]:
         """Return the same over the run so far."""
-        settled = observed.settled_estimates
-        return {
-            'coverage_ratio': observed.coverage_ratio,
-            'matched_ratio': observed.log.count / settled if settled else math.nan,
-        }
+        return observed.tracking.ratios()
 
 
 class Revisions(Metric):

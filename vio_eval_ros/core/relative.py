@@ -14,8 +14,8 @@ import numpy as np
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.alignment import Alignment
-from vio_eval_ros.core.association import nearest
 from vio_eval_ros.core.config import Delta
+from vio_eval_ros.core.matching import nearest
 from vio_eval_ros.core.rotation import lengths
 from vio_eval_ros.core.steps import distances
 from vio_eval_ros.core.trajectory import as_slice, blocks, Pairs, rows

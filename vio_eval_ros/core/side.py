@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from vio_eval_ros.core.cleaning import clean, Cleaning
-from vio_eval_ros.core.intervals import Intervals, TrackingLimit
+from vio_eval_ros.core.intervals import Intervals, MedianInterval, TrackingLimit
 from vio_eval_ros.core.orientations import CONSTANT, Orientations, some_usable, UNUSABLE
 from vio_eval_ros.core.preparation import Preparation
 from vio_eval_ros.core.trajectory import Poses, Trajectory
@@ -34,6 +34,7 @@ class Side:
         self.intervals = Intervals(gap_ns)
         #: the longest interval that counts as tracking, by the period of its own
         self.limit = TrackingLimit(gap_ns)
+        self.period = MedianInterval()
         self._gap_ns = gap_ns
         self._preparation = preparation
         self._lacks_rotations = False
@@ -83,6 +84,7 @@ class Side:
         self.used = self.settled = 0
         self.intervals = Intervals(self._gap_ns)
         self.limit = TrackingLimit(self._gap_ns)
+        self.period = MedianInterval()
         self._lacks_rotations = self._unusable = False
 
     def _keep(self, batch: Trajectory, horizon_ns: int) -> None:
@@ -132,7 +134,9 @@ class Side:
         if end > begin:
             self.first_used_ns = min(self.first_used_ns, int(self.waiting.stamps_ns[begin]))
             self.last_used_ns = int(self.waiting.stamps_ns[end - 1])
-        self.limit.add(self.intervals.add(self.waiting.stamps_ns[begin:end]))
+        intervals = self.intervals.add(self.waiting.stamps_ns[begin:end])
+        self.limit.add(intervals)
+        self.period.add(intervals)
 
     def forget(self, before_ns: int) -> None:
         """Drop earlier poses, except the last of them, from which an interpolation may start."""

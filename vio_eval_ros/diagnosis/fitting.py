@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vio_eval_ros.core import rotation
-from vio_eval_ros.core.association import nearest
+from vio_eval_ros.core.matching import nearest
 from vio_eval_ros.core.rotation import lengths
 
 #: iterations of iteratively reweighted least squares

@@ -17,8 +17,8 @@ from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.version import __version__
 
 SCHEMA = 'vio_eval_ros.result/1'
-#: a run is a success if it covers enough of the ground truth and did not diverge
-SUCCESS_GATES = (Gate('coverage_ratio', '>=', 0.9), Gate('ate_extent_ratio', '<=', 0.5))
+#: a run is a success if it tracked long enough once it had begun, and did not diverge
+SUCCESS_GATES = (Gate('tracked_ratio', '>=', 0.9), Gate('ate_extent_ratio', '<=', 0.5))
 
 
 @dataclass(frozen=True, eq=False)

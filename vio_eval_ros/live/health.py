@@ -19,8 +19,10 @@ from vio_eval_ros.live.snapshot import RunState, Snapshot, TopicState
 from vio_eval_ros.recordings.messages import STREAMED
 from vio_eval_ros.rendering.text import number
 
-#: share of the ground truth that was tracked, below which there is a warning
-LOW_COVERAGE_RATIO = 0.9
+#: how much of the run is evaluated at all
+ASSOCIATION_RATIOS = ('coverage_ratio', 'tracked_ratio', 'initialisation_s', 'matched_ratio')
+#: share of the ground truth that was tracked since the first pair, below which there is a warning
+LOW_TRACKED_RATIO = 0.9
 #: share of poses that could not be used, above which there is a warning
 MANY_DROPPED_RATIO = 0.01
 #: error over the extent of the ground truth, and motion over that of the ground truth, above which
@@ -66,7 +68,7 @@ def statuses(snapshot: Snapshot) -> list[Status]:
 
 def accuracy(run: RunState, gates: Sequence[Gate], problems: Sequence[str] = ()) -> Status:
     """Return how good the estimate is so far: errors, gates, divergence."""
-    elsewhere = ('coverage_ratio', 'matched_ratio')
+    elsewhere = ASSOCIATION_RATIOS
     values = {name: value for name, value in run.values.items() if name not in elsewhere}
     level, message = _accuracy(run, gates)
     if problems:
@@ -113,11 +115,10 @@ def has_diverged(run: RunState) -> bool:
 def association(snapshot: Snapshot) -> Status:
     """Return whether estimate and ground truth are paired, or why not."""
     run = snapshot.run
-    coverage = run.values.get('coverage_ratio', math.nan)
+    tracked = run.values.get('tracked_ratio', math.nan)
     values: dict[str, object] = {
         'pairs': run.values.get('pairs', 0),
-        'coverage_ratio': coverage,
-        'matched_ratio': run.values.get('matched_ratio', math.nan),
+        **{name: run.values.get(name, math.nan) for name in ASSOCIATION_RATIOS},
     }
     dropped = []
     for name, side in (('estimate', run.estimate), ('ground_truth', run.ground_truth)):
@@ -131,8 +132,11 @@ def association(snapshot: Snapshot) -> Status:
             dropped.append(f'{name.replace("_", " ")}: dropped {", ".join(reasons)}')
     if not values['pairs']:
         return Status('association', Level.WARN, why_no_pairs(snapshot), values)
-    low = coverage < LOW_COVERAGE_RATIO
-    problems = [f'only {100 * coverage:.1f} % of the ground truth was tracked'] if low else []
+    problems = []
+    if tracked < LOW_TRACKED_RATIO:
+        late = run.values.get('initialisation_s', 0.0) > 0
+        since = ' since the first estimate' if late else ''
+        problems = [f'only {100 * tracked:.1f} % of the ground truth was tracked{since}']
     problems += [problem for problem in (_ends_early(snapshot),) if problem]
     problems += dropped
     if problems:

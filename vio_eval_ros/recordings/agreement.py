@@ -19,9 +19,9 @@ import numpy as np
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.alignment import Alignment, Moments, SCALED_MODES, solve
-from vio_eval_ros.core.association import nearest
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.intervals import nanoseconds
+from vio_eval_ros.core.matching import nearest
 from vio_eval_ros.core.orientations import finite, usable, why_positions_only
 from vio_eval_ros.core.trajectory import Pairs, Poses, Trajectory
 from vio_eval_ros.errors import ReadError, VioEvalError

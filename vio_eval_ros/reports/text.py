@@ -17,6 +17,8 @@ RPE_LABELS = {
     'dist': 'distance',
 }
 # what needs attention is in capitals
+#: share of the ground truth before the first estimate that is worth a line
+LATE_RATIO = 0.01
 WORDS = {'pass': 'pass', 'warn': 'warn', 'fail': 'FAIL'}
 
 
@@ -32,6 +34,7 @@ def text_report(result: Result) -> str:
         f'estimates), stamps {number(1e3 * found["abs_difference_mean_s"])} ms apart on average',
         f'coverage      {percent(metrics["coverage_ratio"])} of the ground truth was tracked, '
         f'{number(metrics["path_length_m"])} m of path',
+        *_initialisation(metrics),
         f'alignment     {alignment.mode}'
         + ('' if alignment.scale == 1 else f', scale {number(alignment.scale)}'),
         '',
@@ -58,6 +61,15 @@ def text_report(result: Result) -> str:
             for verdict in result.verdicts
         ]
     return '\n'.join(printable(line) for line in lines) + '\n'
+
+
+def _initialisation(metrics: Mapping[str, float]) -> Iterator[str]:
+    """Yield when the estimate began, where that was late."""
+    if metrics['tracked_ratio'] - metrics['coverage_ratio'] > LATE_RATIO:
+        yield (
+            f'              {percent(metrics["tracked_ratio"])} of it since the first estimate, '
+            f'after {number(metrics["initialisation_s"])} s'
+        )
 
 
 def headline(result: Result) -> str:

@@ -29,8 +29,16 @@ TRIMMED = 0.2
 DEFAULT_P = 0.05
 #: stands in for the value of a run without one, in multiples of the largest known value
 MISSING_VALUE = 1e3
-HIGHER_IS_BETTER = ('coverage_ratio', 'matched_ratio')
-LOWER_IS_BETTER = ('_m', '_deg', '_percent', '_deg_per_m', 'ate_extent_ratio', 'loop_closure_gain')
+HIGHER_IS_BETTER = ('coverage_ratio', 'tracked_ratio', 'matched_ratio')
+LOWER_IS_BETTER = (
+    '_m',
+    '_deg',
+    '_percent',
+    '_deg_per_m',
+    'ate_extent_ratio',
+    'loop_closure_gain',
+    'initialisation_s',
+)
 #: in spite of their unit, neither more nor less of these is worse
 NEITHER = ('path_length_m',)
 

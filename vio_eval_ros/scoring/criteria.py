@@ -17,7 +17,7 @@ from vio_eval_ros.settings import finite, load_yaml, Section
 
 GATE_KEYS = ('max', 'min', 'warn', 'of')
 #: metrics that cannot exceed 1
-SHARES = ('coverage_ratio', 'matched_ratio', SUCCESS_RATE)
+SHARES = ('coverage_ratio', 'tracked_ratio', 'matched_ratio', SUCCESS_RATE)
 MODALITIES = ('mono', 'stereo', 'mono-inertial', 'stereo-inertial')
 BAND_LIMITS = ('good', 'plausible', 'failed')
 
