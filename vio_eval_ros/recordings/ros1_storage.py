@@ -196,11 +196,11 @@ class Ros1Storage:
             shown = encryptor.decode(errors='replace')
             raise RefusedError(f'is encrypted with {shown}; run `rosbag decrypt` first')
         (index,) = U64.unpack(fields[b'index_pos'])
+        counts = [U32.unpack(fields[name])[0] for name in (b'conn_count', b'chunk_count')]
         if not index:
             self._stream.seek(size, SEEK_CUR)
-            self._scan()
+            self._scan(counts[1])
             return
-        counts = [U32.unpack(fields[name])[0] for name in (b'conn_count', b'chunk_count')]
         self._stream.seek(index)
         for _ in range(counts[0]):
             named, size = self._header(CONNECTION)
@@ -213,8 +213,12 @@ class Ros1Storage:
             self._chunks.append(Chunk(position, *times, found))
         self._chunks.sort(key=attrgetter('position'))
 
-    def _scan(self) -> None:
-        """Find the connections and the chunks without an index, by reading all."""
+    def _scan(self, least: int) -> None:
+        """
+        Find the connections and the chunks without an index, by reading all.
+
+        :param least: the number of chunks that there must be, 0 where it was not noted.
+        """
         try:
             while (position := self._stream.tell()) < self._size:
                 fields, size = self._header(CHUNK, INDEX, CONNECTION, CHUNK_INFO)
@@ -222,6 +226,8 @@ class Ros1Storage:
                     self._chunks.append(self._scanned(position))
                 else:
                     self._read(size)
+            if len(self._chunks) < least:
+                raise ValueError('chunks are missing')
         except Exception as error:  # as of what is damaged: nearly anything
             raise RefusedError(
                 'has no index, since its recorder was stopped, and ends in the middle of a '
