@@ -12,13 +12,13 @@ def test_the_unit_of_stamps_shows_in_their_size(unit, seconds):
     stamp = seconds * 10 ** (9 - STAMP_UNITS[unit])
     rows = parse(f'{stamp} 1\n'.encode())
     assert rows is not None
-    assert rows.likely_unit == unit
+    assert rows.exact[0].likely_unit == unit
 
 
 def test_small_stamps_are_seconds():
     rows = parse(b'-12.5 1\n0 2\n')
     assert rows is not None
-    assert rows.likely_unit == 's'
+    assert rows.exact[0].likely_unit == 's'
     assert np.array_equal(rows.values, [[-12.5, 1], [0, 2]])
 
 

@@ -8,7 +8,6 @@ import pytest
 from vio_eval_ros.core.rotation import angle_between
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings import sources
-from vio_eval_ros.recordings.layouts import READERS
 from vio_eval_ros.recordings.sources import default_topics, read_sources, Source
 from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.simulation import simulate, write_recording
@@ -60,7 +59,7 @@ def test_an_absolute_path_is_no_topic(tum):
 
 
 def test_what_cannot_be_stated_is_refused_with_what_can():
-    with pytest.raises(ConfigError, match='quaternion, stamps, body, unit, invert'):
+    with pytest.raises(ConfigError, match='columns, quaternion, stamps, body, unit, invert'):
         Spec.parse('est.txt?quaternio=wxyz')
     with pytest.raises(ConfigError, match=r"quaternion must be xyzw or wxyz, not 'wxzy'"):
         Spec.parse('est.txt?quaternion=wxzy')
@@ -188,7 +187,7 @@ def test_kitti_poses_need_their_times(tmp_path, shared_data):
         read(poses, times=short)
 
 
-@pytest.mark.parametrize('columns', [1, 3, 4, 7])
+@pytest.mark.parametrize('columns', [1, 2, 3, 5, 6])
 def test_too_few_columns_are_counted(tmp_path, columns):
     path = tmp_path / 'est.txt'
     path.write_text(' '.join('1' * columns) + '\n')
@@ -248,7 +247,7 @@ def test_a_recording_read_as_an_estimate_can_be_inverted(tmp_path):
     )
 
 
-@pytest.mark.parametrize('kind', READERS)
+@pytest.mark.parametrize('kind', ['tum', 'euroc', 'kitti', 'motion capture'])
 def test_every_kind_of_file_gives_as_many_poses_as_rows(kind, tmp_path, sequence, tum):
     matrices = tmp_path / 'poses.txt'
     matrices.write_text('1 0 0 5 0 1 0 6 0 0 1 7\n' * 2)

@@ -143,7 +143,9 @@ def read_signal(path: Path) -> SignalFile:
     rows = read_text(path).rows
     if rows.values.shape[1] < 2:
         raise ReadError(path, 'a signal has two columns, time and value')
-    stamps_ns, first = np.unique(rows.nanoseconds(path, rows.likely_unit), return_index=True)
+    stamps = rows.exact[0]
+    all_ns = stamps.nanoseconds(path, stamps.likely_unit)
+    stamps_ns, first = np.unique(all_ns, return_index=True)
     values = rows.values[first, 1]
     known = np.abs(values) < LARGEST_NUMBER
     if not known.any():

@@ -174,7 +174,7 @@ def _read_csv(path: Path, sink: Sink, progress: Progress) -> ImuSource:
                 if width <= max(named.samples):
                     raise ReadError(path, f'has {width} columns; expected {", ".join(NAMES)}')
                 unit = unit or _stamp_unit(rows.values[:, 0])
-                sink(rows.nanoseconds(path, unit), rows.values[:, named.samples])
+                sink(rows.exact[0].nanoseconds(path, unit), rows.values[:, named.samples])
     except OSError as error:
         raise ReadError(path, error.strerror or str(error)) from None
     if not width:

@@ -272,11 +272,11 @@ def poses(stamps_ns: np.ndarray, numbers: np.ndarray) -> Poses:
     :param numbers: (N, 3), (N, 7) or (N, 43), as the numbers of a :data:`Row`.
     """
     rotations = numbers[:, 3:7].copy() if numbers.shape[1] > 3 else None
-    covariances = _covariances(numbers[:, 7:]) if numbers.shape[1] > 7 else None
+    covariances = covariance_blocks(numbers[:, 7:]) if numbers.shape[1] > 7 else None
     return Poses(stamps_ns, numbers[:, :3].copy(), rotations, covariances, zero_is_unset=True)
 
 
-def _covariances(numbers: np.ndarray) -> np.ndarray | None:
+def covariance_blocks(numbers: np.ndarray) -> np.ndarray | None:
     """
     Return the (N, 2, 3, 3) position and orientation blocks of (N, 36) row-major matrices.
 

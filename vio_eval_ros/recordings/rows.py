@@ -27,46 +27,58 @@ EXACT = 1 << 53  # integers below it are exact as float64
 POWERS = 10.0 ** np.arange(23)  # those that are exact as float64
 LONG_STAMP = 20  # characters, the point included, that an int64 is sure to hold
 
+EMPTY_CELLS = (b',,', b'\n,', b' ', b'\t')  # in what has any, and perhaps elsewhere
+TWO_IN_A_WORD = re.compile(rb'(?i)x|(nan|f|y)[^ \n]*?[ni]')
 _SEPARATORS = bytes.maketrans(b',;\t\r\v\f', b'      ')
 
 
-class Rows(NamedTuple):
+class Decimals(NamedTuple):
     """
-    The numbers of rows, and the exact decimals of their first column.
+    The exact decimals of a column.
 
-    :param digits: (N,) int64, the digits of the first column without its decimal point.
+    :param digits: (N,) int64, without the decimal point.
     :param decimals: (N,) how many of them stood after the point.
-    :param values: (N, C) float64, all columns.
     """
 
     digits: np.ndarray
     decimals: np.ndarray
-    values: np.ndarray
 
     @property
-    def largest_stamp(self) -> float:
-        """The largest number of the first column, whatever its sign."""
+    def largest(self) -> float:
+        """The largest number, whatever its sign."""
         return float(np.max(np.abs(self.digits / POWERS[self.decimals])))
 
     @property
     def likely_unit(self) -> str:
-        """The unit of stamps in the first column, by their size."""
-        largest = self.largest_stamp
+        """The unit of stamps, by their size."""
+        largest = self.largest
         return next(
             (unit for unit in STAMP_UNITS if largest < LATEST_S * per_second(unit)),
             'ns',
         )
 
     def nanoseconds(self, path: Path, unit: str) -> np.ndarray:
-        """Return the first column as (N,) int64 nanoseconds, given its unit."""
+        """Return stamps as (N,) int64 nanoseconds, given their unit."""
         shift = STAMP_UNITS[unit] - self.decimals
-        if self.largest_stamp * POWERS[STAMP_UNITS[unit]] > LATEST_NS:
+        if self.largest * POWERS[STAMP_UNITS[unit]] > LATEST_NS:
             raise ReadError(path, f'stamps are too large to be {unit}')
         stamps: np.ndarray = self.digits * 10 ** shift.clip(min=0)
         if (shift < 0).any():
             divisor = 10 ** (-shift).clip(min=0)
             stamps = (stamps + divisor // 2) // divisor
         return stamps
+
+
+class Rows(NamedTuple):
+    """
+    The numbers of rows.
+
+    :param values: (N, C) float64, all columns.
+    :param exact: the exact decimals of some columns, those that may hold stamps.
+    """
+
+    values: np.ndarray
+    exact: dict[int, Decimals]
 
 
 def per_second(unit: str) -> int:
@@ -87,7 +99,7 @@ class BadRow(Exception):
         self.problem = problem
 
 
-def parse(block: bytes, width: int = 0) -> Rows | None:
+def parse(block: bytes, width: int = 0, exact: tuple[int, ...] = (0,)) -> Rows | None:
     """
     Return the rows of a block of whole lines, or None where there are none.
 
@@ -97,6 +109,8 @@ def parse(block: bytes, width: int = 0) -> Rows | None:
     takes 2.5 times as long, and its errors do not say the line.
 
     :param width: the columns of the rows before, or 0.
+    :param exact: the columns whose exact decimals are kept. Where the first of them is not finite,
+        nothing in its row is; the others are left out where an int64 does not hold them.
     :raises BadRow: for the first line that is not a row of as many numbers.
     """
     text, chars, ends = _tidied(block)
@@ -105,26 +119,45 @@ def parse(block: bytes, width: int = 0) -> Rows | None:
     newlines = np.flatnonzero(chars[ends] == ord('\n'))
     width = width or int(newlines[0]) + 1
     is_table = np.array_equal(newlines, np.arange(width - 1, len(ends), width))
+    is_table = is_table and _signs_begin_numbers(chars)
     decimal = _decimals(text, chars, ends) if is_table else None
     if decimal is not None and _are_exact(decimal[0].reshape(-1, width)[:, 1:], decimal[1]):
         values = decimal[0] / POWERS[decimal[1]]
     else:
-        # older numpy would read hexadecimal numbers, too
-        is_clean = is_table and not re.search(rb'[xX]', text)
+        # numpy would read two numbers of nannan, and older ones hexadecimal numbers, too
+        has_words = any(letter in text for letter in b'xXnNiI')
+        is_clean = is_table and not (has_words and TWO_IN_A_WORD.search(text))
         general = _numbers(text, np.float64, len(ends)) if is_clean else None
         if general is None:
             raise _first_bad_row(block, width)
         values = general
     values = values.reshape(-1, width)
-    if decimal is not None and decimal[0][::width].max() < INT64_MAX:
-        return Rows(decimal[0][::width], decimal[1][::width], values)
-    values[~np.isfinite(values[:, 0])] = np.nan
-    return Rows(*_stamps(block, text, values[:, 0]), values)
+    kept = [column for column in exact if column < width]
+    if decimal is not None and decimal[0][kept[0] :: width].max() < INT64_MAX:
+        digits, decimals = (part.reshape(-1, width).T for part in decimal)
+        held = [k for k in kept if digits[k].max() < INT64_MAX]
+        return Rows(values, {k: Decimals(digits[k].copy(), decimals[k].copy()) for k in held})
+    values[~np.isfinite(values[:, kept[0]])] = np.nan
+    columns = {}
+    for k in kept:
+        try:
+            columns[k] = _decimals_of(k, block, text, values[:, k])
+        except BadRow:
+            if k == kept[0]:
+                raise
+    return Rows(values, columns)
+
+
+def _signs_begin_numbers(chars: np.ndarray) -> bool:
+    """Return whether no sign is within a number; numpy would read two numbers of 1-2."""
+    after, before = chars[1:], chars[:-1]
+    within = ((after == ord('-')) | (after == ord('+'))) & (before > ord(' '))
+    return not within.any() or bool((before[within] | 32 == ord('e')).all())
 
 
 def _separated(block: bytes) -> bytes:
     """Return a block with spaces between its numbers, and without comments."""
-    if b',' in block:
+    if b',' in block and (block[0] == ord(',') or any(mark in block for mark in EMPTY_CELLS)):
         # nothing between two commas is a number that is missing
         block = re.sub(rb',[ \t]*(?=,)', b',nan', re.sub(rb'(?m)^[ \t]*,', b'nan,', block))
     if any(mark in block for mark in b',;\t\r\v\f'):
@@ -187,19 +220,22 @@ def _numbers(text: bytes, kind: type[Any], count: int) -> np.ndarray | None:
     return numbers if len(numbers) == count else None
 
 
-def _stamps(block: bytes, text: bytes, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return digits and decimals of a first column, in a block that has more than decimals."""
-    column = re.sub(rb' [^\n]*', b'', text)
-    if re.search(rb'[eE]\+?-?\d', column):
-        return _stamps_of_floats(block, np.nan_to_num(values))
-    column = re.sub(rb'(?mi)^[-+]?(nan|inf).*$', b'0', column)
-    column = re.sub(rb'(?m)^.{%d,}$' % (LONG_STAMP + 1), _cut, column)
-    chars = np.frombuffer(column, np.uint8)
-    decimal = _decimals(column, chars, np.flatnonzero(chars <= ord(' ')))
+def _decimals_of(column: int, block: bytes, text: bytes, values: np.ndarray) -> Decimals:
+    """Return the exact decimals of a column, in a block that has more than decimals."""
+    words = text
+    if column:
+        words = re.sub(rb'(?m)^(?:[^ \n]+ ){%d}' % column, b'', words)
+    words = re.sub(rb' [^\n]*', b'', words)
+    if re.search(rb'[eE]\+?-?\d', words):
+        return Decimals(*_decimals_of_floats(block, np.nan_to_num(values)))
+    words = re.sub(rb'(?mi)^[-+]?(nan|inf).*$', b'0', words)
+    words = re.sub(rb'(?m)^.{%d,}$' % (LONG_STAMP + 1), _cut, words)
+    chars = np.frombuffer(words, np.uint8)
+    decimal = _decimals(words, chars, np.flatnonzero(chars <= ord(' ')))
     if decimal is None or decimal[0].max() == INT64_MAX:
         large = 0 if decimal is None else int(decimal[0].argmax())
         raise BadRow(_line_of(block, large), 'a stamp is too large')
-    return decimal
+    return Decimals(*decimal)
 
 
 def _cut(stamp: re.Match[bytes]) -> bytes:
@@ -207,8 +243,8 @@ def _cut(stamp: re.Match[bytes]) -> bytes:
     return stamp[0][: max(LONG_STAMP, stamp[0].find(b'.') + 1)] if b'.' in stamp[0] else stamp[0]
 
 
-def _stamps_of_floats(block: bytes, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return digits and decimals of stamps written with exponents: as exact as a float64 is."""
+def _decimals_of_floats(block: bytes, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return digits and decimals of numbers with exponents: as exact as a float64 is."""
     whole = np.floor(values)
     largest = np.abs(whole).max()
     if largest >= 2.0**63:

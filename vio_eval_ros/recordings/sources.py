@@ -14,10 +14,10 @@ from vio_eval_ros.core import rotation
 from vio_eval_ros.core.orientations import MIN_QUATERNION_NORM, why_positions_only
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError, ReadError
-from vio_eval_ros.recordings.layouts import poses_of, Reading
+from vio_eval_ros.recordings.layouts import poses_of, Reading, stated_stamps
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.spec import is_recording, LENGTH_UNITS, Spec
-from vio_eval_ros.recordings.stamps import check_resolution, padded, run_of
+from vio_eval_ros.recordings.stamps import check_resolution, run_of
 from vio_eval_ros.recordings.text import read_text
 
 if TYPE_CHECKING:
@@ -235,14 +235,7 @@ def _size(path: Path | None) -> int:
 
 def _from_text(text: str, spec: Spec, times: Path | None, progress: Progress = silent) -> Source:
     path, notes = _file(spec.path or Path())
-    file = read_text(path, progress)
-    rows = padded(file.rows)
-    if rows is not None:
-        file = replace(file, rows=rows)
-        notes.append(
-            f'{path}: the fractions of its stamps had lost their leading zeros, as where seconds '
-            'and nanoseconds are printed one after the other; they are read with these zeros'
-        )
+    file = read_text(path, progress, stated_stamps(spec.statements))
     kind, readings = poses_of(file, times, spec.statements, notes)
     check_resolution(text, readings[0].poses)
     stated = tuple(one._replace(poses=_as_stated(text, one.poses, spec)) for one in readings)

@@ -20,6 +20,7 @@ from urllib.parse import parse_qsl
 
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.recordings.columns import STATED
 from vio_eval_ros.recordings.rows import STAMP_UNITS
 
 RECORDING_SUFFIXES = ('.bag', '.bag.active', '.db3', '.mcap', '.ulg')
@@ -55,6 +56,11 @@ OF_EITHER = {
 #: the conventions that mean something of a file, and of a topic
 STATEMENTS = {
     'file': {
+        'columns': Statement(
+            'what each column is, such as t,x,y,z,qx,qy,qz,qw (sec,nsec for t; roll,pitch,yaw or '
+            'r11 to r33 for the quaternion; units as in t_ns, x_mm, roll_deg; _ leaves one out)',
+            STATED,
+        ),
         'quaternion': Statement.one_of('xyzw', 'wxyz'),
         'stamps': Statement.one_of(*STAMP_UNITS),
         'body': Statement('the name of a rigid body', r'[^?&]+'),

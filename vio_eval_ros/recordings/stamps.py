@@ -11,7 +11,7 @@ import numpy as np
 
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError, ReadError
-from vio_eval_ros.recordings.rows import POWERS, Rows, STAMP_UNITS
+from vio_eval_ros.recordings.rows import Decimals, POWERS, STAMP_UNITS
 
 #: steps back of stamps that show that their fractions lost zeros
 FEWEST_FALSE_STEPS = 2
@@ -25,16 +25,16 @@ MOST_STEPS_BACK = 64
 REPEATED_SHARE = 0.3
 
 
-def padded(rows: Rows) -> Rows | None:
+def padded(stamps: Decimals) -> Decimals | None:
     """
-    Return rows with stamps as they were meant, where fractions lost their leading zeros.
+    Return stamps as they were meant, where fractions lost their leading zeros.
 
     Seconds and nanoseconds printed one after the other, ``"%d.%d"``, make 5.003000000 s into
     5.3000000: fractions of several lengths, none with a zero in front, that go back each second.
 
     :return: None where the stamps are as they should be.
     """
-    digits, decimals = rows.digits, rows.decimals
+    digits, decimals = stamps
     most = int(decimals.max(initial=0))
     if most > STAMP_UNITS['s'] or int(decimals.min(initial=most)) == most or (digits < 0).any():
         return None
@@ -45,7 +45,7 @@ def padded(rows: Rows) -> Rows | None:
     meant = whole * 10**most + fraction
     if _steps_back(meant):
         return None
-    return rows._replace(digits=meant, decimals=np.full(len(meant), most))
+    return Decimals(meant, np.full(len(meant), most))
 
 
 def _steps_back(stamps: np.ndarray) -> int:

@@ -11,16 +11,22 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 import re
+from typing import NamedTuple
 
 import numpy as np
 
 from vio_eval_ros.errors import ReadError
+from vio_eval_ros.recordings.columns import LEFT_OUT, named_columns, names_in, STAMPS
 from vio_eval_ros.recordings.content import content_of
 from vio_eval_ros.recordings.preambles import Export
 from vio_eval_ros.recordings.progress import Progress, silent
-from vio_eval_ros.recordings.rows import BadRow, parse, Rows
+from vio_eval_ros.recordings.rows import BadRow, Decimals, parse, Rows
 
 BLOCK_BYTES = 1 << 18
+LEAST_NUMBERS = 3  # in a row that begins with a word, and names with a meaning in a header
+
+
+NUMBER = rb'[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|[-+]?(nan|inf(inity)?)|'
 
 
 @dataclass(frozen=True)
@@ -29,21 +35,36 @@ class TextFile:
     What a text file holds.
 
     :param header: the comments and names of columns at its top.
-    :param has_commas: whether commas separate its columns.
+    :param separator: what is between its columns: ``,``, ``;``, a tab or a space.
+    :param has_end: whether a separator ends each row, too.
+    :param names: of its columns, units in brackets behind them; None where nothing tells them.
     :param export: what the preamble of a motion capture system says of its columns.
+    :param text: the columns that hold no numbers; there, the values of ``rows`` are NaN.
+    :param blank: the columns that hold nothing in the first rows.
     :param notes: what was taken for granted, in sentences.
     """
 
     path: Path
     rows: Rows
     header: bytes
-    has_commas: bool
+    separator: str
+    has_end: bool
+    names: tuple[str, ...] | None = None
     export: Export | None = None
+    text: tuple[int, ...] = ()
+    blank: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
 
 
-def read_text(path: Path, progress: Progress = silent) -> TextFile:
-    """Return what a text file holds; ``ReadError`` names the line that is not a row of numbers."""
+def read_text(
+    path: Path, progress: Progress = silent, stamps: tuple[int, ...] | None = None
+) -> TextFile:
+    """
+    Return what a text file holds; ``ReadError`` names the line that is not a row of numbers.
+
+    :param stamps: the columns whose exact decimals are kept; None for those that its header names
+        as stamps, and without names the first, with two more where it holds whole numbers.
+    """
     try:
         data = path.read_bytes()
     except OSError as error:
@@ -54,9 +75,27 @@ def read_text(path: Path, progress: Progress = silent) -> TextFile:
         raise ReadError(path, 'the file is empty')
     data, export, notes = content_of(path, data)
     header, start = split_header(data)
-    rows = _rows(path, data, start, progress)
-    has_commas = b',' in data[start : start + BLOCK_BYTES]
-    return TextFile(path, rows, header, has_commas, export, notes)
+    first = _first_rows(data, start)
+    separator = _separator(first)
+    text = _text_columns(first, separator)
+    names = _names(header, len(_cells(first[0], separator)) if first else 0)
+    if stamps is None:
+        stamps = _stamp_columns(names, first, separator)
+    rows = _rows(path, data, start, progress, _Parser(separator, text, stamps))
+    has_end = bool(first) and first[0].endswith(separator.encode())
+    blank = tuple(k for k, words in enumerate(_columns(first, separator)) if not any(words))
+    return TextFile(
+        path=path,
+        rows=rows,
+        header=header,
+        separator=separator,
+        has_end=has_end,
+        names=names,
+        export=export,
+        text=text,
+        blank=blank,
+        notes=notes,
+    )
 
 
 def split_header(data: bytes) -> tuple[bytes, int]:
@@ -65,13 +104,104 @@ def split_header(data: bytes) -> tuple[bytes, int]:
     while start < len(data):
         end = data.find(b'\n', start) + 1 or len(data)
         line = data[start:end].strip().lower()
-        if line and re.match(rb'[^#%a-z_"]|nan|inf', line):
+        if (line and re.match(rb'[^#%a-z_"]|nan|inf', line)) or _is_row(line):
             break
         start = end
     return data[:start], start
 
 
-def _rows(path: Path, data: bytes, start: int, progress: Progress) -> Rows:
+def _is_row(line: bytes) -> bool:
+    """Return whether a line that begins with a word is a row: a few numbers are in it."""
+    if line.startswith((b'#', b'%')):
+        return False
+    separator = next((mark for mark in (b',', b';', b'\t') if mark in line), None)
+    cells = [cell.strip() for cell in line.split(separator)]
+    numbers = [cell for cell in cells if cell and re.fullmatch(NUMBER, cell)]
+    return len(numbers) >= LEAST_NUMBERS and 2 * len(numbers) >= len(cells) - cells.count(b'')
+
+
+def _first_rows(data: bytes, start: int) -> list[bytes]:
+    """Return the first two rows."""
+    lines = (line.strip(b' \r') for line in data[start : start + BLOCK_BYTES].split(b'\n'))
+    return [line for line in lines if line and not line.startswith((b'#', b'%'))][:2]
+
+
+def _separator(rows: list[bytes]) -> str:
+    """Return what separates the columns of rows."""
+    return next((mark for mark in ',;\t' if rows and mark.encode() in rows[0]), ' ')
+
+
+def _cells(row: bytes, separator: str) -> list[bytes]:
+    """Return the cells of a row; a separator at its end begins no other."""
+    if separator == ' ':
+        return row.split()
+    return [
+        cell.strip() for cell in row.removesuffix(separator.encode()).split(separator.encode())
+    ]
+
+
+def _columns(rows: list[bytes], separator: str) -> list[tuple[bytes, ...]]:
+    """Return the cells of the first rows, column by column."""
+    return list(zip(*(_cells(row, separator) for row in rows), strict=False))
+
+
+def _text_columns(rows: list[bytes], separator: str) -> tuple[int, ...]:
+    """Return the columns that hold words in all of the first rows."""
+    return tuple(
+        column
+        for column, words in enumerate(_columns(rows, separator))
+        if all(re.match(rb'["\']?[A-Za-z_/]', word) for word in words)
+        and not any(re.fullmatch(NUMBER, word.lower()) for word in words)
+    )
+
+
+def _names(header: bytes, width: int) -> tuple[str, ...] | None:
+    """Return the names of columns in a header: of the last line that means something."""
+    for line in reversed(header.decode(errors='replace').splitlines()):
+        names = names_in(line)
+        meant = {column.role for column in named_columns(names)} - {LEFT_OUT}
+        is_bare = not line.lstrip().startswith(('#', '%')) and len(names) == width
+        if (
+            len(meant) >= LEAST_NUMBERS
+            or is_bare
+            or (width <= 2 and len(names) == width and meant)
+        ):
+            return tuple(names)
+    return None
+
+
+def _stamp_columns(
+    names: tuple[str, ...] | None, rows: list[bytes], separator: str
+) -> tuple[int, ...]:
+    """Return the columns that may hold stamps."""
+    if names:
+        named = [k for k, column in enumerate(named_columns(names)) if column.role in STAMPS]
+        frames = [k for k, column in enumerate(named_columns(names)) if column.role == 'frame']
+        return tuple(named or frames or [0])
+    whole = all(re.match(rb'[-+]?\d{1,10}$', _cells(row, separator)[0]) for row in rows)
+    return (0, 1, 2) if rows and (whole or _text_columns(rows, separator)) else (0,)
+
+
+class _Parser(NamedTuple):
+    """How blocks of a file become rows."""
+
+    separator: str
+    text: tuple[int, ...]
+    stamps: tuple[int, ...]
+
+    def parse(self, block: bytes, width: int) -> Rows | None:
+        """Return the rows of a block, NaN in the columns of text."""
+        if self.text:
+            block = re.sub(rb'(?m)^[ \t]*[#%][^\n]*', b'', block)
+            inside = rb'\S' if self.separator == ' ' else rb'[^%s\n]' % self.separator.encode()
+            between = rb'[ ]+' if self.separator == ' ' else self.separator.encode()
+            for column in self.text:
+                before = rb'(?m)^([ ]*(?:%s*%s){%d})' % (inside, between, column)
+                block = re.sub(before + rb'%s+' % inside, rb'\1nan', block)
+        return parse(block, width, self.stamps)
+
+
+def _rows(path: Path, data: bytes, start: int, progress: Progress, parser: _Parser) -> Rows:
     """Return the numbers from ``start`` on."""
     cuts = [start]
     while cuts[-1] < len(data):
@@ -80,7 +210,7 @@ def _rows(path: Path, data: bytes, start: int, progress: Progress) -> Rows:
     for begin, end in progress(pairwise(cuts), len(cuts) - 1):
         block = data[begin:end]
         try:
-            rows = parse(block, width)
+            rows = parser.parse(block, width)
         except BadRow as bad:
             line = data.count(b'\n', 0, begin) + bad.line
             raise ReadError(path, f'line {line}: {bad.problem}') from None
@@ -94,11 +224,18 @@ def _rows(path: Path, data: bytes, start: int, progress: Progress) -> Rows:
 
 def _joined(parts: list[Rows]) -> Rows:
     """Return all parts in one; each is let go as soon as it is copied."""
-    count, width = sum(len(part.digits) for part in parts), parts[0].values.shape[1]
-    whole = Rows(np.empty(count, np.int64), np.empty(count, np.int64), np.empty((count, width)))
+    count, width = sum(len(part.values) for part in parts), parts[0].values.shape[1]
+    held = set.intersection(*(set(part.exact) for part in parts))
+    whole = Rows(
+        np.empty((count, width)),
+        {k: Decimals(np.empty(count, np.int64), np.empty(count, np.int64)) for k in sorted(held)},
+    )
     for part in reversed(parts):
         parts.pop()
-        for column, rows in zip(whole, part, strict=True):
-            column[count - len(rows) : count] = rows
-        count -= len(part.digits)
+        begin = count - len(part.values)
+        whole.values[begin:count] = part.values
+        for k in held:
+            whole.exact[k].digits[begin:count] = part.exact[k].digits
+            whole.exact[k].decimals[begin:count] = part.exact[k].decimals
+        count = begin
     return whole
