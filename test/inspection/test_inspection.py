@@ -10,6 +10,7 @@ import pytest
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.sensor_stream import SensorStream
+from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.inspection.figures import period_over_time, timeline
 from vio_eval_ros.inspection.finding import Finding
 from vio_eval_ros.inspection.html_report import html_document
@@ -43,6 +44,15 @@ def kept(stream: SensorStream, which: np.ndarray) -> SensorStream:
         logged_ns=stream.logged_ns[np.sort(which)],
         stamps_ns=stream.stamps_ns[which],
         numbers=None if stream.numbers is None else stream.numbers[which],
+    )
+
+
+def as_transforms(stream: SensorStream) -> SensorStream:
+    """Return poses as the transforms of a TF topic."""
+    numbers = stream.numbers
+    poses = Poses(stream.stamps_ns, numbers[:, :3], numbers[:, 3:], zero_is_unset=True)
+    return replace(
+        stream, topic='/tf', kind='other', numbers=None, frames={}, transforms={'map.base': poses}
     )
 
 
@@ -481,6 +491,56 @@ def test_a_sensor_on_another_clock_is_found(rig):
     assert the(apart, 'no_common_span').level == 'fail'
 
 
+@pytest.mark.parametrize(
+    ('later_s', 'why'),
+    [
+        (37, 'TAI is ahead of UTC'),
+        (-18, 'GPS time is ahead of UTC'),
+        (2 * 3600, 'another time zone'),
+        (-7.3e6, ''),
+        (9, ''),
+    ],
+)
+@pytest.mark.parametrize('names', [('pose', 'imu', 'cam0'), ('pose', 'other')])
+def test_poses_on_another_clock_are_found(rig, names, later_s, why):
+    rig['other'] = replace(rig['pose'], topic='/odometry')
+    streams = {name: rig[name] for name in names}
+    stamps_ns = rig['pose'].stamps_ns + round(later_s * 1e9)
+    inspection = inspected(streams, pose=replace(rig['pose'], stamps_ns=stamps_ns))
+    found = the(inspection, 'clock_offset')
+    assert found.topic == '/vicon/pose'
+    assert found.value == pytest.approx(-later_s, abs=0.1)
+    assert why in found.message
+    assert 'nothing is wrong' not in text_document(Report('run', inspection))
+
+
+@pytest.mark.parametrize(
+    ('later_s', 'level'), [(37, 'warn'), (-18.2, 'warn'), (3600, 'warn'), (-5e7 - 100, 'info')]
+)
+def test_known_differences_of_clocks_are_told_from_those_of_a_replay(rig, later_s, level):
+    pose = rig['pose']
+    later = replace(pose, stamps_ns=pose.stamps_ns + round(later_s * 1e9))
+    (found,) = [one for one in inspected({'pose': later}).findings if one.name == 'clock_offset']
+    assert found.level == level
+    side = 'after' if later_s > 0 else 'before'
+    assert f'{side} it was recorded' in found.message
+
+
+@pytest.mark.parametrize('late_s', [0.1, 2.0, 4.5])
+def test_an_estimator_may_take_its_time(rig, late_s):
+    pose = rig['pose']
+    assert (
+        wrong(inspected(rig, pose=replace(pose, logged_ns=pose.logged_ns + round(late_s * 1e9))))
+        == set()
+    )
+
+
+def test_a_transform_on_another_clock_is_found(rig):
+    later_ns = rig['pose'].stamps_ns + 37 * 10**9
+    inspection = inspected(rig, tf=as_transforms(replace(rig['pose'], stamps_ns=later_ns)))
+    assert wrong(inspection) == {('clock_offset', '/tf')}
+
+
 @pytest.mark.parametrize('skew_ms', [1, 5, -5, 20])
 def test_a_constant_skew_is_measured(rig, skew_ms):
     camera = rig['cam1']
@@ -703,6 +763,18 @@ def test_an_imu_with_a_topic_for_each_sensor_is_whole(rig):
         parts[name] = replace(rig['imu'], topic=f'/without_{name}', numbers=numbers)
     assert wrong(inspected({k: s for k, s in rig.items() if k != 'imu'}, **parts)) == set()
     assert ('stuck', '/without_gyroscope') in wrong(inspected(rig, half=parts['gyroscope']))
+
+
+def test_half_an_imu_is_told_of_by_what_it_measures(rig):
+    at_rest = rig['imu'].numbers * 1e-9 + [0, 0, 0, 0, 0, 9.81]
+    for name, axes in HALVES.items():
+        numbers = at_rest.copy()
+        numbers[:, axes] = 0
+        half = replace(rig['imu'], numbers=numbers, lacks=(name,))
+        shown = text_document(Report('run', inspected(rig, imu=half)))
+        assert f'has no {name}' in shown
+        assert 'nan' not in shown
+        assert 'low_excitation /imu0: it ' in shown
 
 
 @pytest.mark.parametrize('length', [1, 3])
@@ -977,6 +1049,40 @@ def test_headers_are_checked(rig):
     assert found == {('unstamped', '/imu0'), ('dropped', '/imu0')}
     inspection = inspected(rig, imu=replace(rig['imu'], stamps_ns=0 * stamps_ns))
     assert wrong(inspection) == {('unstamped', '/imu0')}
+
+
+def test_poses_that_were_never_stamped_are_said_to_have_a_time_all_the_same(rig):
+    never = replace(rig['pose'], stamps_ns=0 * rig['pose'].stamps_ns)
+    for stream in (never, as_transforms(never)):
+        found = the(inspected({'pose': stream}, imu=rig['imu']), 'unstamped')
+        first_s, last_s = stream.logged_ns[0] / 1e9, stream.logged_ns[-1] / 1e9
+        assert f'recorded from {first_s:.2f} to {last_s:.2f} s' in found.message
+        assert '?stamps=recorded' in found.message
+    static = replace(as_transforms(never), topic='/tf_static')
+    assert wrong(inspected({'pose': static}, imu=rig['imu'])) == set()
+
+
+def test_poses_of_two_publishers_are_found(rig):
+    pose = rig['pose']
+    numbers = pose.numbers.copy()
+    numbers[1::2, 0] += 2.0
+    mixed = replace(pose, numbers=numbers)
+    for stream, name in ((mixed, ''), (as_transforms(mixed), 'map.base: ')):
+        inspection = inspected(rig, pose=stream)
+        found = the(inspection, 'two_publishers')
+        assert found.topic == stream.topic
+        assert found.message.startswith(f'{name}poses of two trajectories, 2 m apart, take turns')
+        assert found.value == pytest.approx(2.0, rel=0.02)
+        (moment,) = found.moments
+        assert moment.end_ns - moment.begin_ns > 25e9
+    assert 'transforms             /tf: map.base (3000)' in text_document(Report('r', inspection))
+
+
+def test_of_many_transforms_the_first_are_listed(rig):
+    stream = as_transforms(rig['pose'])
+    many = {f'base.wheel_{k:02}': stream.transforms['map.base'][:2] for k in range(25)}
+    shown = text_document(Report('run', inspected({'tf': replace(stream, transforms=many)})))
+    assert 'base.wheel_19 (2) and 5 more' in shown
 
 
 def test_simulated_time_may_begin_with_zero(rig):

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
+
+from vio_eval_ros.core.trajectory import Poses
 
 #: larger values cannot be measurements of an IMU or poses; they come from misread bytes
 LARGEST_MEASUREMENT = 1e12
@@ -40,6 +42,8 @@ class SensorStream:
         and quaternions x y z w; None for other kinds.
     :param lacks: which of ``gyroscope`` and ``accelerometer`` an IMU declares that it does not
         have; those numbers are zero.
+    :param transforms: of a TF topic, the poses of each child frame in its parent, by
+        'PARENT.CHILD'; of a very long one, from its beginning only.
     """
 
     topic: str
@@ -50,6 +54,7 @@ class SensorStream:
     frames: Mapping[str, int]
     numbers: np.ndarray | None = None
     lacks: tuple[str, ...] = ()
+    transforms: Mapping[str, Poses] = field(default_factory=dict)
 
     def __len__(self) -> int:
         return len(self.times_ns)
@@ -70,6 +75,13 @@ class SensorStream:
     def is_sensor(self) -> bool:
         """Whether it is an input of a VIO."""
         return self.kind in ('camera', 'imu')
+
+    @property
+    def has_poses(self) -> bool:
+        """Whether what it holds can be scored: poses, or transforms that are sent again."""
+        is_static = 'static' in self.topic.rpartition('/')[2].lower()
+        sent_again = any(len(sent) > 1 for sent in self.transforms.values())
+        return self.kind == 'pose' or (sent_again and not is_static)
 
     @property
     def is_usable(self) -> np.ndarray:

@@ -11,6 +11,7 @@ import numpy as np
 
 from vio_eval_ros.core.sensor_stream import Moment, runs, SensorStream, spread
 from vio_eval_ros.core.statistics import NORMAL_95
+from vio_eval_ros.inspection.clock_offsets import known_offset
 from vio_eval_ros.inspection.finding import are, Finding
 from vio_eval_ros.inspection.findings import FINDINGS
 from vio_eval_ros.inspection.limits import InspectionLimits
@@ -287,10 +288,12 @@ def _findings(stream: SensorStream, found: Clocks, limits: InspectionLimits) -> 
             value=drift,
         )
     if not limits.latency_min_s <= found.offset_s <= limits.latency_max_s:
+        why = known_offset(found.offset_s)
         yield FINDINGS['clock_offset'].found(
             stream,
             'recorder',
-            minor=True,
+            minor=not why,
+            why=why,
             apart=abs(found.offset_s),
             side='after' if found.offset_s < 0 else 'before',
             value=found.offset_s,

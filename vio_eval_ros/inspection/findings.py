@@ -88,7 +88,7 @@ _TIMES = (
         'unstamped', 'streams', 'warn',
         when='a stamp is zero, and not the beginning of simulated time',
         severe='a sensor without any stamp',
-        evidence='{count} of {total} messages have no stamp, or zero',
+        evidence='{count} of {total} messages have no stamp, or zero{instead}',
         cure='have the driver fill header.stamp',
     ),
     FindingKind(
@@ -138,14 +138,17 @@ _CLOCKS = (
     ),
     FindingKind(
         'clock_offset', 'streams', 'warn',
-        when='a sensor is stamped {clock_offset_s:g} s off the others',
+        when='a sensor is stamped {clock_offset_s:g} s off the others, or poses are by 5 s; or '
+        'stamps are off the recording by whole hours or by the leap seconds of TAI or GPS',
         minor='stamps that are {latency_max_s:g} s older than the recording, or in its future',
         evidence={
-            'sensors': 'stamped {apart:.4g} s {side} than {usual}, by the clock of the recorder',
+            'sensors': 'stamped {apart:.4g} s {side} than {usual}, by the clock of the '
+            'recorder{why}',
             'recorder': 'stamped {apart:.4g} s {side} it was recorded, at least: the two clocks '
-            'differ',
+            'differ{why}',
         },
-        cure='synchronise the clocks; compare stamps with stamps only',
+        cure='synchronise the clocks; of poses that are recorded, `diagnose` finds how far apart '
+        'they are, for --time-offset-s',
         unit='s',
     ),
     FindingKind(
@@ -274,9 +277,15 @@ _INERTIAL = (
         'low_excitation', 'IMU', 'info',
         when='less than {excitation_rate_rad_s:g} rad/s (rms) about a second axis, or less than '
         '{excitation_acceleration_m_s2:g} m/s² of acceleration',
-        evidence='it rotates at {first:.2g} rad/s (rms) about one axis and {value:.2g} about a '
-        'second (at least {least_rate} needed), and accelerates by {acceleration:.2g} m/s2 '
-        '(at least {least_acceleration} needed)',
+        evidence={
+            'both': 'it rotates at {first:.2g} rad/s (rms) about one axis and {value:.2g} about a '
+            'second (at least {least_rate} needed), and accelerates by {acceleration:.2g} m/s2 '
+            '(at least {least_acceleration} needed)',
+            'gyroscope': 'it rotates at {first:.2g} rad/s (rms) about one axis and {value:.2g} '
+            'about a second (at least {least_rate} needed)',
+            'accelerometer': 'it accelerates by {value:.2g} m/s2 (at least {least_acceleration} '
+            'needed)',
+        },
         cure='begin with rotation about two axes and with accelerations',
         unit='rad/s',
     ),
@@ -313,6 +322,13 @@ _POSES = (
         '{max_rotation_rad_s:g} rad/s',
         evidence='1 % of the poses move at more than {value:.3g} {unit}',
         cure='check units, and markers that are confused',
+    ),
+    FindingKind(
+        'two_publishers', 'poses', 'warn',
+        when='poses of two or three trajectories, or clocks, take turns on one topic or transform',
+        evidence='{name}{found}',
+        cure='stop all but one of the publishers (`ros2 topic info -v`), or give each a topic',
+        unit='m',
     ),
     FindingKind(
         'quaternion_norm', 'poses', 'warn',

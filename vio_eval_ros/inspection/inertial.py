@@ -146,13 +146,17 @@ def _motion(
         limits.excitation_acceleration_m_s2,
     )
     if second < least_rate or acceleration < least_acceleration:
+        has_gyroscope, has_accelerometer = math.isfinite(second), math.isfinite(acceleration)
+        both = has_gyroscope and has_accelerometer
         yield FINDINGS['low_excitation'].found(
             stream,
+            'both' if both else 'gyroscope' if has_gyroscope else 'accelerometer',
             first=first,
             least_rate=least_rate,
             acceleration=acceleration,
             least_acceleration=least_acceleration,
-            value=second,
+            value=second if has_gyroscope else acceleration,
+            unit='rad/s' if has_gyroscope else 'm/s2',
         )
     if figures.still_at_begin_s < limits.still_s:
         yield FINDINGS['no_still_time'].found(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 import math
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from vio_eval_ros.core.sensor_stream import SensorStream
 from vio_eval_ros.inspection.cameras import Pair, pairs
+from vio_eval_ros.inspection.clock_offsets import poses_apart, sensors_apart
 from vio_eval_ros.inspection.clocks import clocks
 from vio_eval_ros.inspection.finding import Finding
 from vio_eval_ros.inspection.findings import FINDINGS, worst_first
@@ -17,6 +18,7 @@ from vio_eval_ros.inspection.inertial import inertial
 from vio_eval_ros.inspection.limits import InspectionLimits
 from vio_eval_ros.inspection.measured_stream import MeasuredStream
 from vio_eval_ros.inspection.pose_motion import pose_motion
+from vio_eval_ros.inspection.publishers import publishers
 from vio_eval_ros.inspection.stuck import measures
 from vio_eval_ros.inspection.timing import timing
 from vio_eval_ros.inspection.wrong_stamps import corrected
@@ -82,7 +84,13 @@ def inspect_streams(
     common = _common(sensors)
     ratio, slow = _rates(sensors, limits)
     findings += [*found, *slow, *_spans(measured, limits)]
-    findings += [*_no_common_span(sensors, common), *_clocks_differ(sensors, common, limits)]
+    findings += _no_common_span(sensors, common)
+    if common is not None:
+        findings += sensors_apart(sensors, limits)
+    apart = list(poses_apart(measured))
+    # how far they are off the clock of the recorder says less
+    known = {(one.name, one.topic) for one in apart}
+    findings = [one for one in findings if (one.name, one.topic) not in known] + apart
     return InspectedStreams(
         limits=limits,
         streams=measured,
@@ -111,7 +119,7 @@ def _measured(
     stream: SensorStream, limits: InspectionLimits
 ) -> tuple[MeasuredStream, list[Finding]]:
     """Return the figures of a stream, and what is wrong with it alone."""
-    findings = list(_headers(stream))
+    findings = [*_headers(stream), *publishers(stream)]
     stream, found = corrected(stream.stamped())
     findings += found
     compared = clocks(stream, limits)
@@ -136,9 +144,21 @@ def _headers(stream: SensorStream) -> Iterator[Finding]:
         yield FINDINGS['frame_ids'].found(stream, names=names, count=len(stream.frames))
     if stream.stamps_ns is not None and not stream.is_stamped.all():
         which = np.flatnonzero(~stream.is_stamped)
+        is_all = len(which) == len(stream)
+        instead = ''
+        if is_all and stream.has_poses and stream.logged_ns is not None:
+            first_s, last_s = (
+                end / 1e9 for end in (stream.logged_ns.min(), stream.logged_ns.max())
+            )
+            instead = (
+                f'; they were recorded from {first_s:.2f} to {last_s:.2f} s, which is what they '
+                'are scored by after ?stamps=recorded'
+            )
         yield FINDINGS['unstamped'].found(
-            stream,
-            severe=stream.is_sensor and len(which) == len(stream),
+            # transforms are no input of an estimator, but what it is scored by
+            stream.topic if instead else stream,
+            instead=instead,
+            severe=stream.is_sensor and is_all,
             total=len(stream),
             count=len(which),
             moments=stream.moments(which, which),
@@ -191,33 +211,6 @@ def _no_common_span(
             for one in sensors
         )
         yield FINDINGS['no_common_span'].found(sensors[0].stream, spans=spans)
-
-
-def _clocks_differ(
-    sensors: Sequence[MeasuredStream], common: tuple[int, int] | None, limits: InspectionLimits
-) -> Iterator[Finding]:
-    """Yield the sensors whose clock is off that of most of them, by the recorder's clock."""
-    offsets = {one.stream.topic: one.clocks.offset_s for one in sensors if one.clocks is not None}
-    if len(sensors) < 2 or common is None or not offsets:
-        return
-    # what most of them agree with; of two that differ, the first
-    usual = max(offsets, key=lambda topic: _agreeing(offsets[topic], offsets, limits))
-    for topic, offset in offsets.items():
-        later_s = offset - offsets[usual]
-        if abs(later_s) > limits.clock_offset_s:
-            yield FINDINGS['clock_offset'].found(
-                topic,
-                'sensors',
-                apart=abs(later_s),
-                side='earlier' if later_s > 0 else 'later',
-                usual=usual,
-                value=later_s,
-            )
-
-
-def _agreeing(offset: float, offsets: Mapping[str, float], limits: InspectionLimits) -> int:
-    """Return how many offsets are about the same."""
-    return sum(abs(other - offset) <= limits.clock_offset_s for other in offsets.values())
 
 
 def _rates(

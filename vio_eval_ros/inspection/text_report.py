@@ -8,7 +8,7 @@ import math
 from vio_eval_ros.core.statistics import NORMAL_95
 from vio_eval_ros.inspection.finding import Finding
 from vio_eval_ros.inspection.inspection import InspectedStreams
-from vio_eval_ros.inspection.measured_stream import MeasuredStream
+from vio_eval_ros.inspection.measured_stream import Inertial, MeasuredStream
 from vio_eval_ros.inspection.report import Report
 from vio_eval_ros.rendering.text import number, printable
 
@@ -20,6 +20,8 @@ COLUMNS = (
 )  # fmt: skip
 # Longer latencies are of two clocks that have nothing to do with each other
 MAX_LATENCY_S = 1e4
+# Of a robot with many joints, the first transforms are listed
+MAX_TRANSFORMS = 20
 # Of what happens more often, the first times are shown
 MAX_TIMES = 5
 
@@ -107,19 +109,33 @@ def facts(inspection: InspectedStreams) -> Iterator[str]:
             f'{pair.unsynchronised} of {pair.frames} frames without a partner'
         )
     for one in inspection.streams:
-        felt = one.inertial
-        if felt is not None:
-            rates = ' '.join(f'{rate:.2g}' for rate in felt.rotation_rms_rad_s)
-            at_rest = (
-                f'; at rest for {felt.still_s:.3g} s ({felt.still_at_begin_s:.3g} s at the '
-                f'beginning), where it measures {felt.gravity_m_s2:.3f} m/s2 along {felt.up}'
-                if felt.up
-                else '; never at rest'
-            )
-            yield (
-                f'motion                 {one.stream.topic}: rotates {rates} rad/s (rms, '
-                f'principal axes), accelerates {felt.acceleration_m_s2:.2g} m/s2{at_rest}'
-            )
+        if one.inertial is not None:
+            yield f'motion                 {one.stream.topic}: {_felt(one.inertial)}'
+        if one.stream.transforms:
+            sent = one.stream.transforms.items()
+            listed = [f'{name} ({len(poses)})' for name, poses in list(sent)[:MAX_TRANSFORMS]]
+            more = f' and {len(sent) - MAX_TRANSFORMS} more' if len(sent) > MAX_TRANSFORMS else ''
+            yield f'transforms             {one.stream.topic}: {", ".join(listed)}{more}'
+
+
+def _felt(felt: Inertial) -> str:
+    """Return the motion that an IMU felt, or one of its sensors where it has but one."""
+    has_gyroscope = math.isfinite(felt.rotation_rms_rad_s[0])
+    has_accelerometer = math.isfinite(felt.acceleration_m_s2)
+    rates = ' '.join(f'{rate:.2g}' for rate in felt.rotation_rms_rad_s)
+    rotates = f'rotates {rates} rad/s (rms, principal axes)'
+    accelerates = f'accelerates {felt.acceleration_m_s2:.2g} m/s2'
+    at_rest = 'never at rest'
+    if felt.still_s:
+        at_rest = (
+            f'at rest for {felt.still_s:.3g} s ({felt.still_at_begin_s:.3g} s at the beginning)'
+        )
+    if felt.up:
+        at_rest += f', where it measures {felt.gravity_m_s2:.3f} m/s2 along {felt.up}'
+    return (
+        f'{rotates if has_gyroscope else "has no gyroscope"}, '
+        f'{accelerates if has_accelerometer else "has no accelerometer"}; {at_rest}'
+    )
 
 
 def _paragraph(report: Report, finding: Finding) -> Iterator[str]:

@@ -27,11 +27,13 @@ from vio_eval_ros.recordings.messages import PATH, USUAL
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.recording import Recording
 from vio_eval_ros.recordings.storage_files import reading
-from vio_eval_ros.recordings.transforms import TF_TYPES
+from vio_eval_ros.recordings.transforms import TF_TYPES, TransformTree
 
 IMAGES = ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage')
 # numbers of an IMU and of a pose; the covariance after them is not needed here
 IMU_NUMBERS, POSE_NUMBERS = 6, 7
+# of more messages with transforms, only the first are decoded: each takes its time
+MAX_DECODED_TRANSFORMS = 20_000
 # by field; a covariance that begins with -1 says that there is no such sensor
 SENSORS = {'gyroscope': 'angular_velocity', 'accelerometer': 'linear_acceleration'}
 
@@ -139,6 +141,7 @@ class _StreamColumns:
         msgtype = decoder.msgtype
         # where the header begins: the first transform comes after their number
         self._header = 0 if decoder.has_header else 4 if msgtype in TF_TYPES else None
+        self._tree = TransformTree(topic) if msgtype in TF_TYPES and decoder.is_known else None
         self._has_numbers = decoder.has_header and (
             msgtype == IMU or (msgtype in USUAL and msgtype != PATH)
         )
@@ -164,6 +167,9 @@ class _StreamColumns:
             self._frames[bytes(raw[name : name + length])] += 1
         if self._has_numbers:
             self._blocks.add(raw)
+        elif self._tree is not None and len(self._logged) <= MAX_DECODED_TRANSFORMS:
+            with reading(source):
+                self._tree.add(self._decoder.deserialize(raw))
 
     def stream(self) -> SensorStream:
         """Return all messages, in the order in which they were written."""
@@ -179,6 +185,7 @@ class _StreamColumns:
             frames=self._names(),
             numbers=numbers if self._has_numbers else None,
             lacks=self._lacks,
+            transforms={} if self._tree is None else self._tree.sent(),
         )
 
     def _names(self) -> Counter[str]:

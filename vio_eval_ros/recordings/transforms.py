@@ -120,6 +120,10 @@ class TransformTree:
             parent = transform.header.frame_id.lstrip('/')
             edges[parent, transform.child_frame_id.lstrip('/')].append(transform, recorded_ns)
 
+    def sent(self) -> dict[str, Poses]:
+        """Return what came of each transform, by 'PARENT.CHILD', but on static topics."""
+        return {_name(edge): samples.poses() for edge, samples in sorted(self._dynamic.items())}
+
     def lookup(self, frames: str) -> Poses:
         """
         Return the poses of CHILD in PARENT.
