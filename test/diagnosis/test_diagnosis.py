@@ -554,7 +554,7 @@ def test_positions_alone_still_determine_offset_and_scale():
     found = diagnose(harmed, points, CONFIG)
     assert set(names(found)) == {'time_offset', 'scale'}
     assert found.findings['time_offset']['value'] == pytest.approx(0.1, abs=5e-3)
-    assert {'sensor_rotation', 'lever_arm', 'yaw_drift'} <= set(found.cannot_tell)
+    assert {'sensor_rotation', 'yaw_drift'} <= set(found.cannot_tell)
 
 
 def test_positions_alone_determine_small_offsets_and_tilts_but_no_drift_of_a_clock():
@@ -876,3 +876,34 @@ def test_two_motions_that_have_nothing_in_common_agree_at_no_pace():
     other = simulate(duration_s=60.0, seed=7).ground_truth
     turned = replace(other, positions=other.positions[::-1], rotations=other.rotations[::-1])
     assert 'clock_drift' not in names(diagnose(ESTIMATE, turned, CONFIG))
+
+
+def prism(metres: float) -> Trajectory:
+    """Return the positions of a prism on a stick, away from the body."""
+    arm = metres * np.array([0.7, 0.1, 0.7])
+    return replace(
+        TRUTH, positions=TRUTH.positions + rotation.rotate(TRUTH.rotations, arm), rotations=None
+    )
+
+
+@pytest.mark.parametrize('metres', [0.15, 0.4, 1.0])
+def test_a_lever_arm_to_a_truth_of_positions_is_found_by_the_orientations_of_the_estimate(metres):
+    found = diagnose(ESTIMATE, prism(metres), CONFIG)
+    assert names(found) == ['lever_arm']
+    cause = found.causes[0]
+    assert cause.value == pytest.approx(metres, rel=0.05)
+    assert cause.flags[0] == '--estimate-to-body'
+    arm = [float(value) for value in cause.flags[1:4]]
+    assert arm == pytest.approx([0.7 * metres, 0.1 * metres, 0.7 * metres], abs=0.05)
+    assert cause.ate_after_m < 0.1
+
+
+def test_positions_of_the_body_itself_have_no_lever_arm():
+    assert names(diagnose(ESTIMATE, prism(0.0), CONFIG)) == []
+
+
+def test_a_lever_arm_to_positions_is_not_taken_for_a_lag_nor_the_other_way_round():
+    found = diagnose(late(0.1), prism(0.4), CONFIG)
+    assert set(names(found)) == {'lever_arm', 'time_offset'}
+    assert found.findings['time_offset']['value'] == pytest.approx(0.1, abs=0.01)
+    assert names(diagnose(late(0.1), prism(0.0), CONFIG)) == ['time_offset']

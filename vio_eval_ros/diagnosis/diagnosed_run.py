@@ -15,6 +15,7 @@ from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.interpolation import Interpolator
 from vio_eval_ros.core.intervals import longest_tracked
 from vio_eval_ros.core.metrics import position_errors, rotation_errors
+from vio_eval_ros.core.orientations import why_positions_only
 from vio_eval_ros.core.preparation import Preparation
 from vio_eval_ros.core.relative import candidates, progress_along, relative_errors
 from vio_eval_ros.core.statistics import root_mean_square
@@ -46,7 +47,7 @@ class DiagnosedRun:
         self.stray = {name: len(received[name]) - len(poses) for name, poses in sides.items()}
         #: the sides whose orientations are one constant that stands for none, and are left out
         self.constant_orientations = [
-            name for name, poses in sides.items() if _never_rotates(poses)
+            name for name, poses in sides.items() if why_positions_only(poses)
         ]
         self.estimate, self.truth = (
             replace(poses, rotations=None) if name in self.constant_orientations else poses
@@ -149,11 +150,6 @@ def _together(poses: Trajectory) -> Trajectory:
     reach = STAMP_REACH * (late - early)
     near = (poses.stamps_ns > early - reach) & (poses.stamps_ns < late + reach)
     return poses if near.all() else poses[near]
-
-
-def _never_rotates(poses: Trajectory) -> bool:
-    """Return whether all rotations are the same to the last digit, as no measured ones are."""
-    return poses.rotations is not None and not (poses.rotations != poses.rotations[:1]).any()
 
 
 def improvement(

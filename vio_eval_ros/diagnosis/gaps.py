@@ -68,8 +68,9 @@ def missing_s(estimate: Trajectory, truth: Interpolator, gaps: list[Gap]) -> flo
         return 0.0
     poses = truth.at(stamps_ns)
     motions = [step_lengths(poses.positions)]
-    if poses.rotations is not None:
-        motions.append(rotation.angle_between(poses.rotations[1:], poses.rotations[:-1]))
+    rotations = estimate.rotations if poses.rotations is None else poses.rotations
+    if rotations is not None:
+        motions.append(rotation.angle_between(rotations[1:], rotations[:-1]))
     if any(_is_slower(motion[between], intervals, long) for motion in motions):
         return 0.0
     return float(np.sum(intervals[long] - usual)) / 1e9

@@ -16,6 +16,8 @@ from vio_eval_ros.diagnosis.fitting import (
     horizon,
     least_squares,
     mean_rotation,
+    robust_similarity,
+    rotation_is_observable,
     Solution,
     T_95,
 )
@@ -23,6 +25,10 @@ from vio_eval_ros.diagnosis.fitting import (
 #: over which displacements are compared
 BODY_MOTION_S = 0.5
 UP = np.array([0.0, 0.0, 1.0])
+#: Gauss-Newton steps of a lever arm and the world of a truth without orientations ...
+WORLD_STEPS = 8
+#: ... and what is expected of lever arm [m], scale and its drift, lag [s], world [rad], heading
+POSITIONS_PRIOR = np.array([1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,7 +62,8 @@ class Body:
         the scale of the estimate.
     :param scale_drift: by how much more of itself the scale grows, per second.
     :param positions_late: seconds by which positions are of earlier moments than orientations,
-        whatever the lever arm; to first order, and so too small where it is large.
+        whatever the lever arm, or than those of a truth without orientations; to first order, and
+        so too small where it is large.
     """
 
     lever: np.ndarray
@@ -81,8 +88,10 @@ def fit_body(pairs: Pairs, sensor: np.ndarray) -> Body:
     :param sensor: (4,) rotation of the body in the tracked frame.
     """
     estimate, truth = pairs.estimate, pairs.ground_truth
-    if estimate.rotations is None or truth.rotations is None or len(pairs) < 2:
+    if estimate.rotations is None or len(pairs) < 2:
         return Body.unknown()
+    if truth.rotations is None:
+        return _fit_body_to_positions(pairs)
     stamps_ns = estimate.stamps_ns
     interval_s = float(np.median(np.diff(stamps_ns))) / 1e9
     begin, end = horizon(stamps_ns, max(BODY_MOTION_S, interval_s))
@@ -112,6 +121,55 @@ def fit_body(pairs: Pairs, sensor: np.ndarray) -> Body:
     )
     late = Estimated(float(both.values[5]), both.uncertainty(5)).over(scale)
     return Body(lever, length, drift, late)
+
+
+def _fit_body_to_positions(pairs: Pairs) -> Body:
+    """
+    Return the lever arm by the orientations of the estimate, of a truth that has positions only.
+
+    As a prism on a stick is displaced: R_wᵀ s Δg = Δe + (R_j - R_i) l. The rotation R_w between
+    the worlds, a heading that drifts evenly and the scale are not known from orientations, and are
+    solved for together with l, by Gauss-Newton.
+    """
+    estimate, truth = pairs.estimate, pairs.ground_truth
+    assert estimate.rotations is not None
+    stamps_ns = estimate.stamps_ns
+    interval_s = float(np.median(np.diff(stamps_ns))) / 1e9
+    begin, end = horizon(stamps_ns, max(BODY_MOTION_S, interval_s))
+    if len(begin) < 2 * BLOCKS:
+        return Body.unknown()
+    half_s = np.ptp(stamps_ns) / 2e9
+    elapsed = ((stamps_ns[begin] + stamps_ns[end] - stamps_ns[0] - stamps_ns[-1]) / 2e9) / half_s
+    rotated = np.diff(rotation.to_matrix(estimate.rotations[[begin, end]]), axis=0)[0]
+    true = truth.positions[end] - truth.positions[begin]
+    speeds = np.gradient(truth.positions, stamps_ns / 1e9, axis=0)
+    slope = speeds[begin] - speeds[end]
+    displaced = estimate.positions[end] - estimate.positions[begin]
+    lever = np.zeros(3)
+    for _ in range(WORLD_STEPS):
+        fitted = robust_similarity(true, displaced + rotated @ lever, scaled=True)
+        expected, later = (fitted.scale * each @ fitted.rotation.T for each in (true, slope))
+        turned = np.stack([np.cross(axis, expected) for axis in np.eye(3)], -1)
+        columns = [expected, expected * elapsed[:, None], later]
+        design = np.concatenate(
+            [
+                -rotated,
+                np.stack(columns, -1),
+                turned,
+                turned[..., 2:] * elapsed[:, None, None],
+            ],
+            axis=-1,
+        )
+        fit = least_squares(design, displaced - expected, POSITIONS_PRIOR)
+        lever = fit.values[:3]
+    scale = fitted.scale
+    if not (
+        scale > 0 and rotation_is_observable(expected, displaced + rotated @ lever, fit.weights)
+    ):
+        return Body.unknown()
+    length = Estimated(float(np.linalg.norm(lever)), _worst(fit, slice(0, 3))).over(scale)
+    drift = Estimated(float(fit.values[4]), fit.uncertainty(4)).over(half_s)
+    return Body(lever, length, drift, Estimated(float(fit.values[5]), fit.uncertainty(5)))
 
 
 def _worst(fit: Solution, rows: slice) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from vio_eval_ros.core.cleaning import clean, Cleaning
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.limits import PROFILES
-from vio_eval_ros.core.orientations import LARGEST_NUMBER
+from vio_eval_ros.core.orientations import LARGEST_NUMBER, UNUSABLE, why_positions_only
 from vio_eval_ros.diagnosis.diagnosis import diagnose
 from vio_eval_ros.diagnosis.gyroscope import compare
 from vio_eval_ros.diagnosis.limits import DiagnosisLimits
@@ -69,9 +69,13 @@ def diagnose_sources(
     """
     estimate, ground_truth = settled(estimate, ground_truth, config)
     refuse_mixed(estimate, ground_truth, config)
-    counts = {'estimate': Cleaning(), 'ground_truth': Cleaning()}
-    poses = clean(estimate.poses, counts['estimate'])
-    truth = clean(ground_truth.poses, counts['ground_truth'])
+    received = {'estimate': estimate.poses, 'ground_truth': ground_truth.poses}
+    unusable = [side for side, each in received.items() if why_positions_only(each) == UNUSABLE]
+    counts = {side: Cleaning() for side in received}
+    poses, truth = (
+        clean(replace(each, rotations=None) if side in unusable else each, counts[side])
+        for side, each in received.items()
+    )
     diagnosis = diagnose(poses, truth, config, limits or DiagnosisLimits.of(profile))
     dropped = {side: count.dropped for side, count in counts.items()}
     diagnosis = replace(

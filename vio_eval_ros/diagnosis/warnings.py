@@ -39,11 +39,12 @@ def _left_out(findings: Mapping[str, Any]) -> list[str]:
             warnings.append(
                 f'{SIDE_NAMES[side]} has poses with stamps far from all others, left out: {count}.'
             )
-    for side in findings.get('orientations_that_never_change', []):
-        warnings.append(
-            f'all orientations of {SIDE_NAMES[side]} are the same, as if they had never been '
+    for what, said in (('never_change', 'the same'), ('are_unusable', 'zero or not a number')):
+        warnings += [
+            f'all orientations of {SIDE_NAMES[side]} are {said}, as if they had never been '
             'filled in: they were left out, and what only orientations show cannot be determined.'
-        )
+            for side in findings.get(f'orientations_that_{what}', [])
+        ]
     return warnings
 
 

@@ -8,10 +8,12 @@ import math
 from typing import Any
 
 from vio_eval_ros.core.config import EvaluationConfig, plain
+from vio_eval_ros.core.rotation import IDENTITY
 from vio_eval_ros.diagnosis.causes.cause import KnownCause
 from vio_eval_ros.diagnosis.causes.measuring import Measuring
 from vio_eval_ros.diagnosis.correction import Correction, PosesInCorrection
 from vio_eval_ros.diagnosis.diagnosed_run import FEWEST_POSES
+from vio_eval_ros.diagnosis.geometry import fit_body
 from vio_eval_ros.diagnosis.lag import fit_lag
 from vio_eval_ros.diagnosis.measurement import Measurement
 from vio_eval_ros.errors import NoPairs
@@ -131,7 +133,19 @@ def _agrees(run: Measuring) -> bool:
 def _offset(run: Measuring) -> Measurement:
     if not _agrees(run):
         return run.measured(TIME_OFFSET, 0.0, math.inf)
-    return run.measured(TIME_OFFSET, run.lag.offset_s, run.lag.offset_uncertainty_s)
+    offset = run.measured(TIME_OFFSET, run.lag.offset_s, run.lag.offset_uncertainty_s)
+    if run.run.oriented or not offset.unusual:
+        return offset
+    # a point ahead of the body is where the body will be: what does the lever arm leave of it?
+    undone = TIME_OFFSET.undone(run.correction, offset.value)
+    late = fit_body(run.run.pairs(undone), IDENTITY).positions_late
+    if not math.isfinite(late.uncertainty):  # no orientations, no lever arm
+        return offset
+    return run.measured(
+        TIME_OFFSET,
+        offset.value + late.value,
+        math.hypot(offset.uncertainty, late.uncertainty),
+    )
 
 
 def _drift(run: Measuring) -> Measurement:

@@ -103,9 +103,8 @@ def measure(run: Measuring) -> None:
     body = run.body = fit_body(pairs, sensor)
     lever = run.measured(LEVER_ARM, body.lever_length.value, body.lever_length.uncertainty)
     late = body.positions_late
-    if run.findings['positions_late_s'] is None and late.significantly_beyond(
-        run.limits.positions_late_s
-    ):
+    contradict = run.run.oriented and late.significantly_beyond(run.limits.positions_late_s)
+    if run.findings['positions_late_s'] is None and contradict:
         run.findings['positions_late_s'] = late.value
     if run.findings['positions_late_s'] is not None:  # each fits other moments
         lever = lever.as_unobservable()
