@@ -155,6 +155,56 @@ def test_offers_are_those_of_the_recorded_publishers(tmp_path, plugin):
     }
 
 
+@pytest.mark.parametrize('plugin', StoragePlugin)
+@pytest.mark.parametrize(('publishers', 'depth'), [(1, 1), (3, 7)])
+def test_what_several_publishers_latched_is_kept_for_late_subscribers(
+    tmp_path, plugin, publishers, depth
+):
+    latched = profile('RELIABLE', 'TRANSIENT_LOCAL', 'KEEP_LAST', 1)
+    with Rosbag2Writer(tmp_path / 'run', version=9, storage_plugin=plugin) as writer:
+        connection = writer.add_connection(
+            '/tf_static',
+            'std_msgs/msg/String',
+            typestore=JAZZY,
+            offered_qos_profiles=[latched] * publishers,
+        )
+        for k in range(7):
+            writer.write(connection, k, b'\0\1\0\0\1\0\0\0\0')
+    with Playback(tmp_path / 'run') as playback:
+        offer = playback.offers['/tf_static']
+    assert (offer.latched, offer.depth) == (True, depth)
+
+
+def test_several_latching_nodes_of_ros1_are_several_publishers(tmp_path):
+    path, text = tmp_path / 'run.bag', 'std_msgs/msg/String'
+    message = ROS1.serialize_ros1(ROS1.types[text](data='a'), text)
+    with Rosbag1Writer(path) as writer:
+        for k, name in enumerate(('/a', '/b')):
+            connection = writer.add_connection(
+                '/tf_static', text, typestore=ROS1, callerid=name, latching=1
+            )
+            for time in range(3):
+                writer.write(connection, 10 * time + k, message)
+    with Playback(path) as playback:
+        assert playback.offers['/tf_static'] == OfferedQos(latched=True, depth=6, publishers=2)
+
+
+def test_a_topic_whose_definition_is_damaged_is_left_out_and_the_rest_plays(tmp_path):
+    path = bag_of(
+        tmp_path / 'run.bag',
+        a=ROS1.types['std_msgs/msg/String'](data='a'),
+        b=ROS1.types['std_msgs/msg/Float64'](data=1.0),
+    )
+    content = path.read_bytes()
+    assert b'float64 data' in content
+    path.write_bytes(content.replace(b'float64 data', b'float64 [[[a'))
+    with Playback(path) as playback:
+        assert [topic.name for topic in playback.topics] == ['/a']
+        (warning,) = playback.warnings
+        assert warning.startswith('/b is damaged')
+        assert len(list(playback.messages({'/a', '/b'}, 0, 10))) == 1
+
+
 @pytest.mark.parametrize('name', ['no-messages.bag', 'empty-file.bag'])
 def test_a_recording_without_messages_is_said_to_be_empty(shared_data, name):
     with pytest.raises(ReadError, match=r'no messages|is empty'):

@@ -65,7 +65,7 @@ class Decoder:
         types = channel.types()
         function = types.deserialize_ros1 if self.ros1 else types.deserialize_cdr
         self._function = lambda message: function(message, self.msgtype)
-        standard = standard_types(self.ros1)
+        standard = standard_types(ros1=self.ros1)
         self.is_standard = self.msgtype in standard.fielddefs and (
             types.hash_rihs01(self.msgtype) == standard.hash_rihs01(self.msgtype)
         )

@@ -59,7 +59,7 @@ class Channel:
         Types that a definition uses without defining them are the standard ones. What rosbags
         raises where the definition is damaged passes through.
         """
-        standard = standard_types(self.encoding == 'ros1')
+        standard = standard_types(ros1=self.encoding == 'ros1')
         encoding, data = self.definition
         if not data.strip() or encoding not in ('ros1msg', 'ros2msg', 'ros2idl'):
             return standard
@@ -159,7 +159,7 @@ def merged(parts: Iterable[tuple[int, Iterable[Recorded]]]) -> Iterator[Recorded
 
 
 @cache
-def standard_types(ros1: bool) -> Typestore:
+def standard_types(*, ros1: bool) -> Typestore:
     """Return the message definitions of ROS 1 Noetic or ROS 2 Jazzy."""
     return get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
 
