@@ -31,7 +31,7 @@ from vio_eval_ros.inspection.limits import InspectionLimits
 from vio_eval_ros.inspection.recording import inspect_recording
 from vio_eval_ros.recordings.arrays import source_of, TrajectoryLike
 from vio_eval_ros.recordings.progress import silent
-from vio_eval_ros.recordings.sources import default_topics, read_sources, Source
+from vio_eval_ros.recordings.sources import check_times, default_topics, read_sources, Source
 from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.results import Diagnosis, ImuNoise, Inspection, Result
 
@@ -268,8 +268,7 @@ def _sources(
     specs = {k: str(one) for k, one in enumerate(given) if isinstance(one, (str, PathLike))}
     _check_recording(list(specs.values()), recording)
     read = dict(zip(specs, read_sources(list(specs.values()), recording, times), strict=True))
-    if times is not None and all(source.kind != 'kitti' for source in read.values()):
-        raise ConfigError('times: needs a KITTI pose file, and neither input is one')
+    check_times(times, read.values())
     one, other = (
         read[k] if k in read else source_of(name, given[k])
         for k, name in enumerate(('estimate', 'ground_truth'))

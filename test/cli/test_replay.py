@@ -337,7 +337,7 @@ def test_negative_numbers_may_have_exponents(flight):
 
 def test_what_would_be_ignored_is_refused(flight, tmp_path):
     assert 'is not used' in complaint('nothere.bag', *pair(flight))
-    assert '--times goes with KITTI' in complaint(*pair(flight), '--times', 'nothere')
+    assert 'nothere: these times are not used' in complaint(*pair(flight), '--times', 'nothere')
     assert 'expected a topic or a file, got nothing' in complaint(DEMO, '--estimate', '')
     empty = tmp_path / 'gates.yaml'
     empty.write_text('')

@@ -9,7 +9,7 @@ from typing import Any
 
 from vio_eval_ros.cli.shell import Parser, progress
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.recordings.sources import default_topics, read_sources, Source
+from vio_eval_ros.recordings.sources import check_times, default_topics, read_sources, Source
 from vio_eval_ros.recordings.spec import Spec
 
 
@@ -61,7 +61,7 @@ def add_inputs(parser: Parser) -> None:
         '--times',
         type=Path,
         metavar='FILE',
-        help='the stamps [s] of KITTI pose files, one per line',
+        help='the stamps [s] of poses that have none, such as KITTI pose files, one per line',
     )
 
 
@@ -82,6 +82,5 @@ def sources_of(arguments: argparse.Namespace) -> list[Source]:
     ):
         raise ConfigError(f'{recording} is not used: --estimate and --ground-truth are elsewhere')
     sources = read_sources(specs, recording, arguments.times, progress)
-    if arguments.times is not None and not any(source.kind == 'kitti' for source in sources):
-        raise ConfigError('--times goes with KITTI pose files, and neither input is one')
+    check_times(arguments.times, sources)
     return sources

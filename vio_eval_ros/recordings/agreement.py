@@ -52,7 +52,6 @@ SHORTEST_S, LONGEST_S = 2e-4, 30.0
 #: intervals of one side, and of the other, above which both may count something shorter
 SLOW_S, SLOW_TOO_S = 10.0, 1.0
 LARGEST_FIRST_FRAME = 10**7
-RECORDED = ('ros1', 'rosbag2', 'mcap', 'arrays')
 
 Sides = tuple[Source, Source]
 
@@ -175,11 +174,14 @@ def _with_orders(sides: Sides, config: EvaluationConfig) -> Sides:
 
 
 def alone(source: Source) -> Source:
-    """Return a source of which there is nothing to compare it with, saying what is open."""
-    if not source.readings or source.readings[0].usual:
-        return replace(source, readings=())
-    note = _undecided(source, 'other side', comparable=False)
-    return _noted(replace(source, readings=()), note)
+    """
+    Return a source that is read before there is another side, by the rule of its layout.
+
+    :raises ReadError: it has no rule; what is open has to be stated.
+    """
+    if source.readings and not source.readings[0].usual:
+        _undecided(source, 'estimate', comparable=True)
+    return replace(source, readings=())
 
 
 def _noted(source: Source, note: str) -> Source:
@@ -376,9 +378,10 @@ def _are_one_path(sides: Sides, config: EvaluationConfig) -> bool:
 
 def _has_open_stamps(side: Source) -> bool:
     """Return whether the unit of a side's stamps is neither stated nor known."""
-    if not (len(side.paths) == 1 and side.kind not in RECORDED and side.paths[0].is_file()):
-        return False
-    return 'stamps' not in Spec.parse(side.spec).statements
+    if len(side.paths) != 1 or not side.paths[0].is_file():
+        return False  # arrays, a pipe, or times beside it
+    spec = Spec.parse(side.spec)
+    return spec.topic is None and 'stamps' not in spec.statements
 
 
 def _in_every_unit(side: Source) -> list[Source]:
@@ -484,7 +487,7 @@ def _in_another_unit(sides: Sides, k: int, unit: str, config: EvaluationConfig) 
     )
     # of what was stated, and of a scale that is fitted, it is only said
     fitted = k == 0 and config.alignment in SCALED_MODES
-    if fitted or side.kind == 'arrays' or any('unit' in stated for stated in statements):
+    if fitted or not side.paths or any('unit' in stated for stated in statements):
         noted = _noted(side, f'{side.spec}: {found}')
         return (noted, sides[1]) if k == 0 else (sides[0], noted)
     specs = [with_statement(side, f'unit={each}') for each in (unit, 'm')]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 import re
@@ -126,6 +126,15 @@ def read_sources(
     jobs = [(specs[k], parsed[k], times) for k in files]
     found |= zip(files, _from_texts(jobs, progress), strict=True)
     return [found[k] for k in range(len(specs))]
+
+
+def check_times(times: Path | None, sources: Iterable[Source]) -> None:
+    """Check that a file of stamps belongs to some source, which has no stamps of its own."""
+    if times is not None and not any(times in source.paths for source in sources):
+        raise ConfigError(
+            f'{times}: these times are not used; they are for poses without stamps, such as those '
+            'of KITTI, and neither input has such'
+        )
 
 
 def default_topics(

@@ -43,6 +43,7 @@ from vio_eval_ros.live.queues import LAG_S, why_the_run_ends
 from vio_eval_ros.live.report_folder import ReportFolder
 from vio_eval_ros.live.run import LiveRun, RunSetup
 from vio_eval_ros.live.snapshot import Snapshot
+from vio_eval_ros.recordings.agreement import alone
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.rendering.text import number
 from vio_eval_ros.reports import REPORTS
@@ -75,10 +76,12 @@ class Evaluator(Node):
         with _naming('gates_file'):
             self._gates = gates_of(Path(gates)) if gates else []
         with _naming('ground_truth_file'):
-            truth = read_sources([file])[0] if file else None
+            truth = alone(read_sources([file])[0]) if file else None
         with _naming('limits_file'):
             limits_file = Path(self._settings.limits_file) if self._settings.limits_file else None
             limits = limits_of(DiagnosisLimits, 'diagnose', self._settings.profile, limits_file)
+        for sentence in truth.warnings if truth else ():
+            self.get_logger().warning(sentence)
         self._estimate = PoseTopic(self, 'estimate', self._settings.estimate_type)
         # made for its parameters also where a file takes its place
         truth_topic = PoseTopic(

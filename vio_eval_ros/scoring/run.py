@@ -7,10 +7,10 @@ from functools import lru_cache
 from pathlib import Path
 
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.errors import ReadError, VioEvalError
+from vio_eval_ros.errors import VioEvalError
 from vio_eval_ros.evaluation.recorded import score_run
 from vio_eval_ros.evaluation.result import Result
-from vio_eval_ros.recordings.sources import read_sources, Source
+from vio_eval_ros.recordings.sources import check_times, read_sources, Source
 from vio_eval_ros.recordings.spec import Spec
 
 
@@ -34,8 +34,7 @@ def score_specs(
             *read, true = read_sources([*estimates, truth], recording, times)
         else:
             read, true = read_sources(estimates, recording, times), _truth(truth, times)
-        if times is not None and not any(one.kind == 'kitti' for one in (*read, true)):
-            raise ReadError(times, 'times belong to KITTI pose files, but there are none')
+        check_times(times, (*read, true))
         estimate = read[0] if len(read) == 1 else read[0].revising(read[1])
         return score_run(estimate, true, config)
     except (VioEvalError, OSError) as error:
