@@ -1029,6 +1029,17 @@ def test_implausible_poses_are_found(rig):
     assert wrong(inspected(rig, pose=replace(pose, numbers=nan))) == {('not_finite', pose.topic)}
 
 
+@pytest.mark.parametrize('quaternion', [[0, 0, 0, 0], [0, 0, 0, 1], [np.nan] * 4])
+def test_poses_that_carry_positions_only_are_called_so(rig, quaternion):
+    numbers = rig['pose'].numbers.copy()
+    numbers[:, 3:] = quaternion
+    inspection = inspected(rig, pose=replace(rig['pose'], numbers=numbers))
+    assert not wrong(inspection)
+    (found,) = [one for one in inspection.findings if one.name == 'positions_only']
+    assert (found.level, found.count) == ('info', len(numbers))
+    assert 'normalise' not in found.advice
+
+
 def test_one_of_something_is_counted_in_the_singular(rig):
     nan = rig['imu'].numbers.copy()
     nan[7] = np.nan

@@ -337,6 +337,12 @@ _POSES = (
         cure='normalise the quaternions at their source',
     ),
     FindingKind(
+        'positions_only', 'poses', 'info',
+        when='no orientation is usable, or all are the same while the position moves',
+        evidence='the topic carries positions only: {why}',
+        cure='score it as it is; figures that need its orientation are null',
+    ),
+    FindingKind(
         'frame_ids', 'streams', 'warn',
         when='messages name more than one frame',
         evidence='messages name different frames: {names}',

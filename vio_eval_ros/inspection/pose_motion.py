@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 import math
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.orientations import why_positions_only
 from vio_eval_ros.core.sensor_stream import runs, SensorStream, spread
 from vio_eval_ros.core.steps import step_lengths
+from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.inspection.finding import are, Finding
 from vio_eval_ros.inspection.findings import FINDINGS
 from vio_eval_ros.inspection.limits import InspectionLimits
@@ -32,13 +35,18 @@ def pose_motion(
     stream: SensorStream, timing: Timing, limits: InspectionLimits
 ) -> tuple[PoseMotion | None, list[Finding]]:
     """Return the figures of a stream of poses, and what is wrong with them; None of too few."""
+    findings = []
+    if why := _why_positions_only(stream):
+        findings.append(FINDINGS['positions_only'].found(stream, why=why, count=len(stream)))
+        assert stream.numbers is not None
+        stream = replace(stream, numbers=stream.numbers[:, :3])
     numbers = stream.numbers
     assert numbers is not None
     order = np.argsort(stream.times_ns, kind='stable')
     is_good = stream.is_usable
     order = order[is_good[order]]
     order = order[np.concatenate([[True], np.diff(stream.times_ns[order]) > 0])[: len(order)]]
-    findings = list(_numbers(stream, is_good, limits))
+    findings += _numbers(stream, is_good, limits)
     if len(order) < 3 or not math.isfinite(timing.period_s):
         return None, findings
     poses, times = numbers[order], stream.times_ns[order]
@@ -68,6 +76,15 @@ def pose_motion(
     findings += _frozen_findings(stream, order, steps, begins, ends)
     findings += _speeds(stream, found, limits)
     return found, findings
+
+
+def _why_positions_only(stream: SensorStream) -> str:
+    """Return why the orientations of a stream of poses say nothing; empty where they do."""
+    numbers = stream.numbers
+    assert numbers is not None
+    if numbers.shape[1] != 7:
+        return ''
+    return why_positions_only(Poses(stream.times_ns, numbers[:, :3], numbers[:, 3:]))
 
 
 def _jumps(speeds: np.ndarray, seconds: np.ndarray, least: float) -> np.ndarray:
