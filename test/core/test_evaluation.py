@@ -17,6 +17,7 @@ from vio_eval_ros.core.evaluation import Evaluation, metric_names
 from vio_eval_ros.core.trajectory import Poses, Trajectory
 
 MS = 1_000_000
+TODAY_NS = 1_403_636_579_763_555_584
 UTM = np.array([4.5e5, 5.4e6, 200.0])
 DELTAS = ('1f', '7f', '0.5s', '2s', '3m', '20d')
 EVERYTHING = {'rpe_deltas': DELTAS, 'segment_lengths_m': (5, 20)}
@@ -700,3 +701,91 @@ def test_the_rotation_error_of_a_bounded_run_is_that_of_an_unbounded_one(turn_at
     found, expected = (one.running()['ate_rot_rmse_deg'] for one in (bounded, unbounded))
     # beyond the moments' reach it is of an even sample
     assert found == pytest.approx(expected, rel=1e-9 if angle == 0 else 0.03)
+
+
+def smooth(stamps_ns: np.ndarray, late_ns: int = 0) -> Trajectory:
+    """Return a body that flies on a smooth path and turns as it does; late by some time."""
+    seconds = (np.asarray(stamps_ns) - TODAY_NS - late_ns) / 1e9
+    path = [3 * np.sin(0.5 * seconds), 2 * np.sin(0.31 * seconds), 0.7 * np.cos(0.43 * seconds)]
+    turn = [0.2 * np.sin(0.4 * seconds), 0.1 * np.cos(0.3 * seconds), 0.25 * seconds]
+    return Trajectory(
+        np.asarray(stamps_ns, np.int64),
+        np.stack(path, axis=1),
+        rotation.from_rotation_vector(np.stack(turn, axis=1)),
+    )
+
+
+def every(seconds: float, until: float = 120.0, after: float = 0.0) -> np.ndarray:
+    return TODAY_NS + np.round(np.arange(after, until, seconds) * 1e9).astype(np.int64)
+
+
+@pytest.mark.parametrize('columns', ['pr', 'p'])
+@pytest.mark.parametrize('period_s', [0.5, 1.0, 5.0])
+def test_a_sparse_truth_gives_what_a_dense_one_does(evaluate, period_s, columns):
+    estimate = smooth(every(0.1, after=0.03), late_ns=80 * MS)
+    options = {'association': 'interpolate', 'rpe_deltas': ('10s',)}
+    dense = evaluate(estimate, rows(smooth(every(0.01)), columns), **options)
+    sparse = evaluate(estimate, rows(smooth(every(period_s, after=0.2)), columns), **options)
+    assert len(sparse.pairs) == len(every(period_s, after=0.2))
+    known = ['ate_trans_rmse_m', 'rpe_10s_disp_rmse_m']
+    known += ['ate_rot_rmse_deg', 'rpe_10s_trans_rmse_m'] if columns == 'pr' else []
+    for name in known:
+        # a few poses sample the error, whose mean square they know to some percent
+        tolerance = 0.02 if period_s < 2 else 0.1
+        assert sparse.metrics[name] == pytest.approx(dense.metrics[name], rel=tolerance), name
+    for name in ('coverage_ratio', 'tracked_ratio', 'matched_ratio'):
+        assert sparse.metrics[name] == 1, name
+    assert sparse.metrics['drift_percent'] > 0
+    assert any('a pose every' in text for text in sparse.warnings)
+
+
+@given(DELIVERIES, st.sampled_from([0.04, 0.3, 1.0]), st.sampled_from(['nearest', 'interpolate']))
+def test_which_side_is_interpolated_does_not_depend_on_how_poses_arrive(
+    deliveries, period_s, association
+):
+    truth = smooth(every(period_s, until=9.0))
+    estimate = smooth(every(0.1, until=9.0, after=0.005), late_ns=80 * MS)
+    config = EvaluationConfig(association=association, **EVERYTHING)
+    at_once, piecewise = Evaluation(config), Evaluation(config, max_pairs=1000)
+    for _ in deliver(at_once, estimate, truth, []):
+        pass
+    for _ in deliver(piecewise, estimate, truth, deliveries):
+        piecewise.running()
+    assert_same(piecewise.summary().metrics, at_once.summary().metrics)
+    assert_same(piecewise.summary().association, at_once.summary().association)
+    assert piecewise.summary().warnings == at_once.summary().warnings
+    assert_close(piecewise.running(), at_once.running(), 1e-9, 1e-12)
+
+
+def test_a_hole_of_the_truth_is_no_path(evaluate):
+    stamps = every(0.1)
+    ends = stamps[(stamps < stamps[100]) | (stamps > stamps[-100])]
+    summary = evaluate(smooth(every(0.2), late_ns=80 * MS), smooth(ends))
+    assert math.isnan(summary.metrics['path_length_m'])
+    assert math.isnan(summary.metrics['drift_percent'])
+    assert summary.metrics['ate_trans_rmse_m'] > 0
+    (of_path,) = (text for text in summary.warnings if text.startswith('path_length_m'))
+    assert 'drift_percent' in of_path
+    assert '84 % of the time' in of_path
+    assert any(text.startswith('rpe_10m: ') and 'bridge' in text for text in summary.warnings)
+    assert summary.metrics['tracked_ratio'] > 0.97
+
+
+def test_a_gap_of_the_estimate_is_said_to_shorten_the_path(evaluate):
+    stamps = every(0.1)
+    lost = np.r_[stamps[:300], stamps[400:]]
+    summary = evaluate(smooth(lost, late_ns=80 * MS), smooth(stamps))
+    assert summary.metrics['drift_percent'] > 0
+    assert any(
+        text.startswith('path_length_m and drift_percent: 1 gap between pairs')
+        for text in summary.warnings
+    )
+
+
+def test_an_estimate_that_begins_late_was_not_lost(evaluate):
+    summary = evaluate(smooth(every(0.1, after=30.0), late_ns=80 * MS), smooth(every(0.1)))
+    assert summary.metrics['initialisation_s'] == pytest.approx(30)
+    assert summary.metrics['tracked_ratio'] == 1
+    assert summary.metrics['coverage_ratio'] == pytest.approx(0.75, abs=0.01)
+    assert summary.association['tracked_ratio'] == 1
+    assert any('begins 30 s after' in text for text in summary.warnings)

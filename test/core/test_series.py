@@ -64,6 +64,22 @@ def test_a_live_series_has_the_rows_of_the_recording(wandering, est_steps, gt_st
         np.testing.assert_equal(found, expected)
 
 
+@pytest.mark.parametrize('period', [1, 3, 20])
+def test_live_and_recorded_agree_on_which_side_is_interpolated(flight, estimated, period):
+    estimate, truth = estimated(flight), flight[::period]
+    config = EvaluationConfig(association='interpolate')
+    live, rows = RunningSeries(config, max_pairs=10_000), []
+    for begin in range(0, len(estimate), 7):
+        live.add_estimate(estimate[begin : begin + 7])
+        live.add_ground_truth(truth[begin : begin + 7])
+        rows += live.rows()
+    rows += live.rest()
+    recorded = list(running_series(config, estimate, truth))
+    assert [stamp for stamp, _ in rows] == [stamp for stamp, _ in recorded]
+    for (_, found), (_, expected) in zip(rows, recorded, strict=True):
+        np.testing.assert_equal(found, expected)
+
+
 def test_the_series_of_a_stream_without_poses_has_no_numbers(flight):
     for streams in ((NOTHING, flight), (flight, NOTHING)):
         *_, (stamp, values) = running_series(EvaluationConfig(), *streams)
