@@ -681,7 +681,9 @@ def turning(count: int, turn_at: int, angle: float):
     t = np.arange(count) / 50
     curve = np.maximum(t - 6, 0)
     positions = np.stack([t, np.sin(curve) * (curve > 0), 0.3 * np.sin(2 * curve)], axis=1)
-    truth = Trajectory(stamps, positions, np.tile([0.0, 0, 0, 1], (count, 1)))
+    turns = np.zeros((count, 3))
+    turns[0, 0] = 1e-6  # were they all the same, they would say nothing
+    truth = Trajectory(stamps, positions, rotation.from_rotation_vector(turns))
     yaw = np.where(np.arange(count) < turn_at, 0.0, angle)[:, None] * [[0.0, 0, 1]]
     wobble = np.random.default_rng(3).normal(0, 0.02, (count, 3))
     return replace(truth, rotations=rotation.from_rotation_vector(yaw + wobble)), truth

@@ -272,7 +272,7 @@ class Associator:
     def _note_closest(self) -> None:
         """Remember the smallest difference, which is reported where there are no pairs."""
         stamps, others = self.estimate.waiting.stamps_ns, self.ground_truth.waiting.stamps_ns
-        if len(stamps) and len(others) and not self._matchings[0].count:
+        if len(stamps) and len(others):
             closest_ns = int(np.abs(stamps - others[nearest(stamps, others)]).min())
             self.closest_ns = min(
                 closest_ns, AFTER_ALL if self.closest_ns is None else self.closest_ns

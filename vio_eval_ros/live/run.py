@@ -145,6 +145,8 @@ class LiveRun:
 
     def largest_jump(self) -> tuple[int, float] | None:
         """Look at what is new; return stamp [ns] and size [m] of the largest jump, if any."""
+        if self.evaluation.count < self._seen:  # other pairs count by now
+            self._seen = 0
         pairs = self.evaluation.since(self._seen)
         if len(pairs) > 1:
             self._seen += len(pairs) - 1
