@@ -759,6 +759,17 @@ def test_which_side_is_interpolated_does_not_depend_on_how_poses_arrive(
     assert_close(piecewise.running(), at_once.running(), 1e-9, 1e-12)
 
 
+def test_poses_of_a_sparse_truth_without_a_partner_ask_for_interpolation(evaluate):
+    stamps = every(1.0, after=0.2) + np.arange(120) * 7 * MS % (100 * MS)
+    estimate = smooth(every(0.1), late_ns=80 * MS)
+    summary = evaluate(estimate, smooth(np.unique(stamps)))
+    assert summary.metrics['tracked_ratio'] < 0.6
+    assert any('--association interpolate compares' in text for text in summary.warnings)
+    summary = evaluate(estimate, smooth(np.unique(stamps)), association='interpolate')
+    assert summary.metrics['tracked_ratio'] == 1
+    assert not any('--association interpolate' in text for text in summary.warnings)
+
+
 def test_a_hole_of_the_truth_is_no_path(evaluate):
     stamps = every(0.1)
     ends = stamps[(stamps < stamps[100]) | (stamps > stamps[-100])]

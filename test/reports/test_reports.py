@@ -31,7 +31,10 @@ HOSTILE = 'a<script>alert(1)</script>|`b`*c*&"\x1b[2J\x00\n# d'
 
 
 def result_of(
-    gates: tuple[str, ...] = (), source: str = 'est', position_only: bool = False
+    gates: tuple[str, ...] = (),
+    source: str = 'est',
+    position_only: bool = False,
+    begins_late: bool = False,
 ) -> Result:
     run = simulate(duration_s=20.0)
     evaluation = Evaluation(EvaluationConfig(segment_lengths_m=(10,)))
@@ -39,7 +42,7 @@ def result_of(
     if position_only:
         truth = dataclasses.replace(truth, rotations=None)
     evaluation.add_ground_truth(truth)
-    evaluation.add_estimate(run.estimate)
+    evaluation.add_estimate(run.estimate[100:] if begins_late else run.estimate)
     evaluation.flush()
     summary = evaluation.summary()
     streams = evaluation.associator
@@ -110,6 +113,15 @@ def test_junit_keeps_the_schema_of_jenkins(passing, failing):
     schema = XMLSchema(Path(__file__).resolve().parents[1] / 'junit.xsd')
     for result in (passing, failing, result_of(source=HOSTILE), result_of(position_only=True)):
         schema.validate(REPORTS['junit'](result))
+
+
+def test_an_estimate_that_began_late_is_not_said_to_have_lost_track():
+    late = result_of(begins_late=True)
+    assert 'since the first estimate, after 5 s' in text_report(late)
+    assert 'since the first estimate, after 5 s' in REPORTS['html'](late)
+    assert late.to_dict()['success'] is True
+    assert late.to_dict()['association']['initialisation_s'] == pytest.approx(5.0, abs=0.1)
+    assert 'since the first estimate' not in text_report(result_of())
 
 
 def test_a_result_says_whether_it_is_a_success_and_why(passing):

@@ -22,6 +22,8 @@ from vio_eval_ros.core.trajectory import Pairs, Poses
 
 #: how many times as long as that of the other its median interval is, where a side is sparser
 SPARSER_RATIO = 1.1
+#: share of the poses of a sparse truth with a partner, below which interpolation is advised
+FEW_PARTNERS_RATIO = 0.9
 
 
 @dataclass(frozen=True)
@@ -190,7 +192,20 @@ class Associator:
                     f'{name}: {why}: it counts as positions only, figures that need its '
                     'orientation are null'
                 )
-        return sentences
+        return sentences + self._sparse_truth()
+
+    def _sparse_truth(self) -> list[str]:
+        """Return that few poses of a sparse truth have a partner, where interpolation helps."""
+        tracking = self.tracking()
+        period_s, few = tracking.truth_period_s, tracking.tracked_ratio < FEW_PARTNERS_RATIO
+        if self._config.association != 'nearest' or math.isnan(period_s) or not few:
+            return []
+        return [
+            f'only {self._matchings[0].count} of {self.ground_truth.settled} poses of the ground '
+            f'truth, which has one every {period_s:.3g} s, have an estimate within '
+            f'{self._config.max_difference_s:g} s; --association interpolate compares at the '
+            'stamps of all'
+        ]
 
     def why_no_pairs(self) -> str:
         """Return why there are no pairs, in one line with both time spans."""

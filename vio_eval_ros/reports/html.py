@@ -33,7 +33,7 @@ from vio_eval_ros.reports.plots import (
     segment_samples,
     usual_lengths,
 )
-from vio_eval_ros.reports.text import rows
+from vio_eval_ros.reports.text import rows, since_beginning
 
 WORDS = {'pass': 'pass', 'warn': 'warning', 'fail': 'fail'}
 
@@ -149,7 +149,11 @@ def _headlines(result: Result) -> Iterator[tuple[str, str, str]]:
     for delta in result.config.rpe_deltas[-1:]:
         kind = 'disp' if result.summary.pairs.rotations is None else 'trans'
         yield f'RPE over {delta}', f'{number(metrics[f"rpe_{delta}_{kind}_rmse_m"])} m', 'RMSE'
-    yield 'Coverage', percent(metrics['coverage_ratio']), 'of the ground truth was tracked'
+    yield (
+        'Coverage',
+        percent(metrics['coverage_ratio']),
+        '; '.join(['of the ground truth was tracked', *since_beginning(metrics)]),
+    )
     yield (
         'Path',
         f'{number(metrics["path_length_m"])} m',

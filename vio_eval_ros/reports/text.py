@@ -34,7 +34,7 @@ def text_report(result: Result) -> str:
         f'estimates), stamps {number(1e3 * found["abs_difference_mean_s"])} ms apart on average',
         f'coverage      {percent(metrics["coverage_ratio"])} of the ground truth was tracked, '
         f'{number(metrics["path_length_m"])} m of path',
-        *_initialisation(metrics),
+        *(f'{"":<14}{line}' for line in since_beginning(metrics)),
         f'alignment     {alignment.mode}'
         + ('' if alignment.scale == 1 else f', scale {number(alignment.scale)}'),
         '',
@@ -63,12 +63,12 @@ def text_report(result: Result) -> str:
     return '\n'.join(printable(line) for line in lines) + '\n'
 
 
-def _initialisation(metrics: Mapping[str, float]) -> Iterator[str]:
-    """Yield when the estimate began, where that was late."""
+def since_beginning(metrics: Mapping[str, float]) -> Iterator[str]:
+    """Yield how much was tracked once the estimate had begun, where that was late."""
     if metrics['tracked_ratio'] - metrics['coverage_ratio'] > LATE_RATIO:
         yield (
-            f'              {percent(metrics["tracked_ratio"])} of it since the first estimate, '
-            f'after {number(metrics["initialisation_s"])} s'
+            f'{percent(metrics["tracked_ratio"])} since the first estimate, after '
+            f'{number(metrics["initialisation_s"])} s'
         )
 
 
