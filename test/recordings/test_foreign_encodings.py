@@ -292,7 +292,7 @@ def test_what_is_not_json_is_damaged(tmp_path):
         read_sources(['/gt/pose'], path)
 
 
-def test_other_json_is_not_read_and_other_protobuf_carries_no_pose(tmp_path):
+def test_other_json_and_protobuf_is_not_read(tmp_path):
     (tmp_path / 'json').mkdir()
     log = ('foxglove.Log', [{'timestamp': timestamp(0, 'json'), 'message': 'hello'}])
     path = recorded(tmp_path / 'json', 'json', {'/log': log})
@@ -300,7 +300,7 @@ def test_other_json_is_not_read_and_other_protobuf_carries_no_pose(tmp_path):
         read_sources(['/log'], path)
     log = ('foxglove.Log', [{'timestamp': timestamp(0, 'protobuf'), 'message': 'hello'}])
     path = recorded(tmp_path, 'protobuf', {'/log': log})
-    with pytest.raises(UnsupportedMessage, match=r'foxglove.Log carries no pose'):
+    with pytest.raises(UnsupportedMessage, match=r'foxglove.Log is not read: no field of it'):
         read_sources(['/log'], path)
 
 

@@ -287,7 +287,7 @@ def test_a_status_that_was_never_set_may_have_a_fix(tmp_path):
 def test_a_receiver_that_never_has_a_fix_says_so(tmp_path):
     path = write(tmp_path / 'run', 'mcap', odometry(), fixes(COUNT, status=-1))
     told = complaint('replay', path, '--estimate', '/vio/odometry', '--ground-truth', '/fix')
-    assert 'none of its 60 messages has a position or a fix' in told
+    assert 'none of its 60 messages has a position, or a fix' in told
 
 
 def test_poses_on_the_earth_keep_their_orientation(tmp_path):
@@ -461,12 +461,23 @@ def test_two_lists_of_poses_are_refused_by_name(tmp_path):
         read(path, '/own')
 
 
-def test_only_what_is_known_to_have_none_carries_no_pose(tmp_path):
-    path = own(tmp_path, 'geometry_msgs/Quaternion orientation', lambda k: {})
-    with pytest.raises(
-        UnsupportedMessage, match=r'Own carries no pose .*; topics with poses: /vio'
-    ):
+def test_what_has_no_pose_by_its_definition_is_not_read(tmp_path):
+    path = own(tmp_path, 'geometry_msgs/Quaternion orientation\nfloat64[3] position', lambda k: {})
+    with pytest.raises(UnsupportedMessage) as refused:
         read(path, '/own')
+    assert 'no field of it has a position (x y z) and an orientation' in str(refused.value)
+    assert 'publish it as PoseStamped or Odometry; topics with poses: /vio' in str(refused.value)
+    assert 'carries no pose' not in str(refused.value)
+
+
+def test_numbers_of_a_pose_may_lie_in_the_message_itself(tmp_path):
+    def flat(k):
+        position, turn = numbers(k)
+        return dict(zip(('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw'), [*position, *turn], strict=True))
+
+    fields = '\n'.join(f'float64 {name}' for name in ('qw', 'qx', 'qy', 'qz', 'x', 'y', 'z', 'vx'))
+    path = own(tmp_path, fields, flat)
+    assert_moving(read(path, '/own')[0])
 
 
 def test_a_type_without_a_definition_is_not_read(tmp_path):

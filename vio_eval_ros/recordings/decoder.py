@@ -96,7 +96,12 @@ class Decoder:
                 f'{self.msgtype} is not read (json): of JSON, foxglove.PoseInFrame, '
                 'foxglove.FrameTransform and messages with the type names of ROS are',
             )
-        return converter_of(self.source, self.msgtype, self._fields)
+        try:
+            return converter_of(self.source, self.msgtype, self._fields)
+        except UnsupportedMessage:
+            if not self.is_standard:
+                raise
+        raise UnsupportedMessage(self.source, f'{self.msgtype} carries no pose that can be scored')
 
     def deserialize(self, message: bytes) -> Any:
         """Return one message."""

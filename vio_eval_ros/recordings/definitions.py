@@ -1,8 +1,9 @@
 """
 Where a message has its pose, by the definition of its type alone.
 
-A pose is a field with a position (x y z) and an orientation (x y z w), or with a translation and a
-rotation. Types with one pose, or with one list of them, need no line in a table.
+A pose is a field with a position (x y z) and an orientation (x y z w), with a translation and a
+rotation, or with the numbers x y z and qx qy qz qw themselves. Types with one pose, or with one
+list of them, need no line in a table.
 """
 
 from __future__ import annotations
@@ -18,14 +19,13 @@ from vio_eval_ros.recordings.messages import (
     Converter,
     Numbers,
     stamp_ns,
-    xyz,
-    xyzw,
 )
 
 TEXT, NUMBER = 'text', 'number'
 #: the fields that make a pose, and those that are a position
 POSES = (('position', 'orientation'), ('translation', 'rotation'))
 POSITIONS = ('position', 'point', 'translation')
+FLAT = ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')
 STAMPS = ('stamp', 'timestamp', 'time')
 SECONDS, NANOSECONDS = {'sec', 'seconds'}, {'nanosec', 'nsec', 'nanos'}
 DEEPEST, MOST_FIELDS = 6, 1000  # that are looked at: definitions may contain themselves
@@ -51,17 +51,17 @@ class Place(NamedTuple):
     Where a message or an element of a list has a pose.
 
     :param path: names of fields joined by dots; '' where it is one itself.
-    :param parts: the fields of its position and, if it has any, of its orientation.
+    :param fields: below it, the x y z of its position and, if it has any, the x y z w of its
+        orientation.
     """
 
     path: str
-    parts: tuple[str, ...]
+    fields: tuple[str, ...]
 
-    def numbers(self, message: Any) -> Numbers:
-        """Return position and quaternion x y z w."""
-        pose = _get(message, self.path)
-        vectors = [getattr(pose, part) for part in self.parts]
-        return (*xyz(vectors[0]), *(xyzw(vectors[1]) if len(vectors) > 1 else ()))
+    @property
+    def numbers(self) -> Callable[[Any], Numbers]:
+        """What returns position and quaternion x y z w of a message."""
+        return attrgetter(*(f'{self.path}.{field}'.lstrip('.') for field in self.fields))
 
 
 class PoseList(NamedTuple):
@@ -103,7 +103,11 @@ def converter_of(source: str, msgtype: str, fields: Fields) -> Converter | Array
     if not places and not lists:
         places = _positions(msgtype, fields)
     if not places and not lists:
-        raise UnsupportedMessage(source, f'{msgtype} carries no pose that can be scored')
+        raise UnsupportedMessage(
+            source,
+            f'{msgtype} is not read: no field of it has a position (x y z) and an orientation '
+            '(x y z w); publish it as PoseStamped or Odometry',
+        )
     if not places and len(lists) > 1:
         listed = ', '.join(one.path for one in lists)
         raise UnsupportedMessage(
@@ -122,15 +126,17 @@ def converter_of(source: str, msgtype: str, fields: Fields) -> Converter | Array
         return stamp_ns(_get(message, stamp))
 
     if len(places) == 1:
+        numbers = places[0].numbers
         return Converter(
-            lambda message: [(stamped(message) if stamp else 0, places[0].numbers(message))],
+            lambda message: [(stamped(message) if stamp else 0, numbers(message))],
             is_stamped=bool(stamp),
             notes=(note,),
         )
     if places:
+        getters = [(one.path, one.numbers) for one in places]
         return ArrayConverter(
-            lambda message: ((one.path, (one, message)) for one in places),
-            lambda element: element[0].numbers(element[1]),
+            lambda message: ((path, (numbers, message)) for path, numbers in getters),
+            lambda element: element[0](element[1]),
             stamped if stamp else None,
             (note,),
         )
@@ -149,7 +155,7 @@ def _walk(msgtype: str, fields: Fields) -> Iterator[tuple[str, Field]]:
     for _ in range(DEEPEST):
         below = []
         for path, name in level:
-            if _pose_parts(name, fields):
+            if _pose_fields(name, fields):
                 continue
             for field, kind in fields(name).items():
                 inner = f'{path}.{field}' if path else field
@@ -163,14 +169,18 @@ def _fields_in(msgtype: str, fields: Fields) -> Iterator[tuple[str, Field]]:
     return islice(_walk(msgtype, fields), MOST_FIELDS)
 
 
-def _pose_parts(name: str, fields: Fields) -> tuple[str, ...]:
-    """Return the fields that make a type a pose; none where it is not one."""
+def _pose_fields(name: str, fields: Fields) -> tuple[str, ...]:
+    """Return the numbers of a type that is a pose; none where it is not one."""
     inside = fields(name)
     for position, orientation in POSES:
         both = inside.get(position), inside.get(orientation)
-        if all(both) and _has(both[0], 'xyz', fields) and _has(both[1], 'xyzw', fields):
-            return position, orientation
-    return ()
+        if _has(both[0], 'xyz', fields) and _has(both[1], 'xyzw', fields):
+            return (*_of(position, 'xyz'), *_of(orientation, 'xyzw'))
+    return FLAT if all(inside.get(number) == Field(NUMBER) for number in FLAT) else ()
+
+
+def _of(vector: str, components: str) -> tuple[str, ...]:
+    return tuple(f'{vector}.{component}' for component in components)
 
 
 def _has(field: Field | None, components: str, fields: Fields) -> bool:
@@ -183,12 +193,12 @@ def _has(field: Field | None, components: str, fields: Fields) -> bool:
 
 def _places(msgtype: str, fields: Fields) -> list[Place]:
     """Return the poses in a message, but for those in lists."""
-    if parts := _pose_parts(msgtype, fields):
-        return [Place('', parts)]
+    if numbers := _pose_fields(msgtype, fields):
+        return [Place('', numbers)]
     return [
-        Place(path, parts)
+        Place(path, numbers)
         for path, field in _fields_in(msgtype, fields)
-        if not field.is_list and (parts := _pose_parts(field.type, fields))
+        if not field.is_list and (numbers := _pose_fields(field.type, fields))
     ]
 
 
@@ -198,7 +208,7 @@ def _positions(msgtype: str, fields: Fields) -> list[Place]:
     for path, field in _fields_in(msgtype, fields):
         outer, _, name = path.rpartition('.')
         if name in POSITIONS and _has(field, 'xyz', fields):
-            found.append(Place(outer, (name,)))
+            found.append(Place(outer, _of(name, 'xyz')))
     return found
 
 

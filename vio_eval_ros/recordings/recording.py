@@ -126,7 +126,10 @@ class Recording(Container):
         if not len(stamps):
             raise ReadError(source, 'its messages have no poses')
         if not np.isfinite(poses.positions).all(axis=1).any():
-            raise ReadError(source, f'none of its {len(poses)} messages has a position or a fix')
+            raise ReadError(
+                source,
+                f'none of its {len(poses)} messages has a position, or a fix with its altitude',
+            )
         if np.ptp(stamps) or (len(stamps) == 1 and stamps[0]):
             return
         if recorded:
