@@ -211,11 +211,11 @@ CONVERTERS: dict[str, Converter | ArrayConverter] = {
         lambda fix: [(stamp_ns(fix.timestamp), geographic_numbers(fix))], adjustment=Projection
     ),
 }
-# with one pose in a message that is ready to be scored when it arrives
+# of ROS, with one stamped pose in a message: what can be scored as it arrives
 STREAMED = tuple(
     name
     for name, converter in CONVERTERS.items()
-    if isinstance(converter, Converter) and converter.is_stamped and not name.startswith('fox')
+    if isinstance(converter, Converter) and converter.is_stamped and '/' in name
 )
 USUAL = tuple(
     name

@@ -148,18 +148,16 @@ def default_topics(
     """
     with _opened(recording) as opened:
         topics = [topic for topic in opened.topics if topic.has_pose and topic.count]
-        choice = opened.choice()
-        has_choice = bool(opened.choices())
-    for considered in ([topic for topic in topics if topic.has_usual_pose], topics):
-        others = [one.name for one in considered if one.name not in (estimate, ground_truth)]
-        truths = [name for name in others if re.search(TRUTH_WORDS, name.lower())]
-        estimates = [name for name in others if name not in truths]
-        truths = truths if ground_truth is None else [ground_truth]
-        estimates = estimates if estimate is None else [estimate]
-        if len(estimates) == 1 and len(truths) == 1:
-            return estimates[0], truths[0]
-    advice = 'choose topics with --estimate and --ground-truth; ' if has_choice else ''
-    raise ReadError(recording, advice + choice)
+        for considered in ([topic for topic in topics if topic.has_usual_pose], topics):
+            others = [one.name for one in considered if one.name not in (estimate, ground_truth)]
+            truths = [name for name in others if re.search(TRUTH_WORDS, name.lower())]
+            estimates = [name for name in others if name not in truths]
+            truths = truths if ground_truth is None else [ground_truth]
+            estimates = estimates if estimate is None else [estimate]
+            if len(estimates) == 1 and len(truths) == 1:
+                return estimates[0], truths[0]
+        advice = 'choose topics with --estimate and --ground-truth; ' if opened.choices() else ''
+        raise ReadError(recording, advice + opened.choice())
 
 
 def _located(text: str, recording: Path | None) -> Spec:
