@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from array import array
 from itertools import islice
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -130,20 +131,23 @@ class _Track:
 
     def __init__(self) -> None:
         self.count = 0
-        self._low = np.full(3, np.inf)
-        self._high = np.full(3, -np.inf)
+        self._low = [math.inf] * 3
+        self._high = [-math.inf] * 3
 
-    def add(self, position: np.ndarray) -> None:
+    def add(self, position: Numbers) -> None:
         """Take one position."""
         self.count += 1
-        if np.isfinite(position).all():
-            self._low = np.minimum(self._low, position)
-            self._high = np.maximum(self._high, position)
+        # in plain numbers, since arrays of three are slower; NaN is neither lower nor higher
+        self._low = [p if p < low else low for p, low in zip(position, self._low, strict=True)]
+        self._high = [
+            p if p > high else high for p, high in zip(position, self._high, strict=True)
+        ]
 
     @property
     def extent_m(self) -> float:
         """The diagonal of the box."""
-        return float(np.linalg.norm(np.maximum(self._high - self._low, 0.0)))
+        sides = (high - low for low, high in zip(self._low, self._high, strict=True))
+        return math.hypot(*(side for side in sides if math.isfinite(side)))
 
     def __str__(self) -> str:
         """Return whether it moves."""
@@ -183,14 +187,15 @@ class ElementColumns:
         """Return the numbers of the element in a message; None where it is not there."""
         pose = None
         for name, element in islice(self._converter.elements(content), MOST_ELEMENTS):
-            is_chosen = self._element in (None, name)
-            numbers = self._converter.numbers(element) if is_chosen else ()
-            if name in self._tracks or len(self._tracks) < MOST_ELEMENTS:
-                track = self._tracks.setdefault(name, _Track())
-                if is_chosen:
-                    track.add(np.array(numbers[:3]))
-            if is_chosen and pose is None:  # of two with one name, the first
-                pose = numbers
+            track = self._tracks.get(name)
+            if track is None and len(self._tracks) < MOST_ELEMENTS:
+                track = self._tracks[name] = _Track()
+            if self._element in (None, name):
+                numbers = self._converter.numbers(element)
+                if track is not None:
+                    track.add(numbers[:3])
+                if pose is None:  # of two with one name, the first
+                    pose = numbers
         return pose if self._element is not None or len(self._tracks) == 1 else None
 
     def read(self) -> TopicPoses:
