@@ -13,6 +13,7 @@ from recorded import (
     pose,
     stamp,
     Stream,
+    transform,
     write,
 )
 from verbs import complaint, document
@@ -419,6 +420,52 @@ def test_a_pose_in_a_definition_without_a_stamp_counts_when_recorded(tmp_path):
     assert_moving(source, LOGGED)
     assert 'it has no stamp' in source.warnings[0]
     assert 'the time at which it was recorded' in source.warnings[1]
+
+
+def named(tmp_path, *bodies):
+    """Write messages with a name, of one body after the other."""
+    messages = [
+        {'header': header(k), 'subject_name': name, 'pose': body(k)}
+        for k in range(COUNT)
+        for name, body in bodies
+    ]
+    fields = 'std_msgs/Header header\nstring subject_name\ngeometry_msgs/Pose pose'
+    logged = [stamp(k) + LATENCY_NS for k in range(COUNT) for _ in bodies]
+    stream = Stream('/own', 'my_msgs/msg/Own', messages, {'my_msgs/msg/Own': fields}, logged)
+    return write(tmp_path / 'run', 'mcap', odometry(), stream)
+
+
+def test_bodies_that_share_a_topic_are_told_apart_by_name(tmp_path):
+    path = named(tmp_path, ('drone', pose), ('box', still))
+    assert_moving(read(path, '/own[drone]')[0])
+    with pytest.raises(ReadError, match=r'choose one: /own\[drone\] \(moves .*, /own\[box\]'):
+        read(path, '/own')
+
+
+def test_one_body_with_a_name_needs_no_choice(tmp_path):
+    (source,) = read(named(tmp_path, ('drone', pose)), '/own')
+    assert_moving(source)
+    assert any('[drone]' in line for line in source.warnings)
+
+
+def test_frame_transforms_of_foxglove_in_ros_are_a_tree(tmp_path):
+    name = 'foxglove_msgs/msg/FrameTransform'
+    definition = (
+        'builtin_interfaces/Time timestamp\nstring parent_frame_id\nstring child_frame_id\n'
+        'geometry_msgs/Vector3 translation\ngeometry_msgs/Quaternion rotation'
+    )
+    messages = [
+        {
+            'timestamp': header(k)['stamp'],
+            'parent_frame_id': 'map',
+            'child_frame_id': 'base',
+            **transform(k),
+        }
+        for k in range(COUNT)
+    ]
+    stream = Stream('/tf', name, messages, {name: definition})
+    path = write(tmp_path / 'run', 'mcap', stream)
+    assert_moving(read(path, '/tf:map.base')[0])
 
 
 def test_of_two_poses_in_a_definition_each_is_chosen_by_its_field(tmp_path):

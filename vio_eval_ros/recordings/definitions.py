@@ -25,6 +25,7 @@ TEXT, NUMBER = 'text', 'number'
 #: the fields that make a pose, and those that are a position
 POSES = (('position', 'orientation'), ('translation', 'rotation'))
 POSITIONS = ('position', 'point', 'translation')
+NAMES = ('name', 'id', 'label', 'child_frame_id')
 FLAT = ('x', 'y', 'z', 'qx', 'qy', 'qz', 'qw')
 STAMPS = ('stamp', 'timestamp', 'time')
 SECONDS, NANOSECONDS = {'sec', 'seconds'}, {'nanosec', 'nsec', 'nanos'}
@@ -93,7 +94,8 @@ def converter_of(source: str, msgtype: str, fields: Fields) -> Converter | Array
     """
     Return how the poses in messages of a type are read.
 
-    Of several poses in a message, each is an element named by its path.
+    Of several poses in a message, each is an element named by its path. One pose of a body with a
+    name is an element too: the messages of several bodies may come on one topic.
 
     :param source: what notes and errors name.
     :raises UnsupportedMessage: there is no pose, or several lists of poses.
@@ -122,26 +124,26 @@ def converter_of(source: str, msgtype: str, fields: Fields) -> Converter | Array
     when = f'the stamp is {stamp}' if stamp else 'it has no stamp'
     note = f'{source}: {msgtype} is read by its definition: {where}, {when}'
 
-    def stamped(message: Any) -> int:
-        return stamp_ns(_get(message, stamp))
-
-    if len(places) == 1:
-        numbers = places[0].numbers
-        return Converter(
-            lambda message: [(stamped(message) if stamp else 0, numbers(message))],
-            is_stamped=bool(stamp),
-            notes=(note,),
-        )
-    if places:
-        getters = [(one.path, one.numbers) for one in places]
+    stamp_of = (lambda message: stamp_ns(_get(message, stamp))) if stamp else None
+    if not places:
+        return ArrayConverter(lists[0].elements, lists[0].place.numbers, stamp_of, (note,))
+    getters = [(one.path, one.numbers) for one in places]
+    if len(places) > 1:
         return ArrayConverter(
             lambda message: ((path, (numbers, message)) for path, numbers in getters),
             lambda element: element[0](element[1]),
-            stamped if stamp else None,
+            stamp_of,
             (note,),
         )
-    return ArrayConverter(
-        lists[0].elements, lists[0].place.numbers, stamped if stamp else None, (note,)
+    numbers, name = getters[0][1], _text_name(fields(msgtype))
+    if name:
+        return ArrayConverter(
+            lambda message: [(getattr(message, name), message)], numbers, stamp_of, (note,)
+        )
+    return Converter(
+        lambda message: [(stamp_of(message) if stamp_of else 0, numbers(message))],
+        is_stamped=bool(stamp),
+        notes=(note,),
     )
 
 
@@ -229,11 +231,13 @@ def _lists(msgtype: str, fields: Fields) -> list[PoseList]:
 def _name_field(msgtype: str, fields: Fields) -> str:
     """Return the field that tells elements of a type apart; '' where there is none."""
     inside = fields(msgtype)
-    texts = [name for name, field in inside.items() if field == Field(TEXT)]
-    named = [name for name in texts if name in ('name', 'id', 'label') or name.endswith('_name')]
-    if named:
-        return named[0]
-    return 'id' if inside.get('id') == Field(NUMBER) else ''
+    return _text_name(inside) or ('id' if inside.get('id') == Field(NUMBER) else '')
+
+
+def _text_name(inside: Mapping[str, Field]) -> str:
+    """Return the text among fields that names what has them; '' where there is none."""
+    texts = (name for name, field in inside.items() if field == Field(TEXT))
+    return next((name for name in texts if name in NAMES or name.endswith('_name')), '')
 
 
 def _stamp_path(msgtype: str, fields: Fields) -> str:

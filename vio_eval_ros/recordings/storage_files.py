@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, ExitStack
 from pathlib import Path
 import stat
+from textwrap import shorten
 from typing import NamedTuple
 
 from vio_eval_ros.errors import ReadError
@@ -115,7 +116,8 @@ def unreadable(source: object, error: Exception) -> ReadError:
         return ReadError(error.filename or source, 'there is no such file or folder')
     if isinstance(error, PermissionError):
         return ReadError(source, 'there is no permission to read it')
-    reason = ' '.join(str(error).split()) or type(error).__name__
+    # some quote all that they could not read
+    reason = shorten(str(error), 300, placeholder=' ...') or type(error).__name__
     if isinstance(error, KeyError):
         reason = f'no entry {reason}'
     repairs = [one.repair for one in FILE_KINDS.values() if str(source).endswith(one.suffix)]

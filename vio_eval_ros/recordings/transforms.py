@@ -20,7 +20,11 @@ from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.messages import from_transform_stamped
 
 TF_TYPES = ('tf2_msgs/msg/TFMessage', 'tf/msg/tfMessage')
-FOXGLOVE_TF = ('foxglove.FrameTransform', 'foxglove.FrameTransforms')
+FOXGLOVE_TF = tuple(
+    f'{package}FrameTransform{ending}'
+    for package in ('foxglove.', 'foxglove_msgs/msg/')
+    for ending in ('', 's')
+)
 TREE_TYPES = (*TF_TYPES, *FOXGLOVE_TF)
 
 
