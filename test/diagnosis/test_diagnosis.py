@@ -907,3 +907,24 @@ def test_a_lever_arm_to_positions_is_not_taken_for_a_lag_nor_the_other_way_round
     assert set(names(found)) == {'lever_arm', 'time_offset'}
     assert found.findings['time_offset']['value'] == pytest.approx(0.1, abs=0.01)
     assert names(diagnose(late(0.1), prism(0.0), CONFIG)) == ['time_offset']
+
+
+@pytest.mark.parametrize('unit', ['mm', 'cm'])
+def test_a_scale_that_is_a_unit_is_called_so_and_the_side_that_is_in_it(unit):
+    factor = {'mm': 1000.0, 'cm': 100.0}[unit]
+    of_estimate = diagnosis_of(replace(ESTIMATE, positions=factor * ESTIMATE.positions))
+    larger = replace(TRUTH, positions=factor * TRUTH.positions)
+    for found, side in (
+        (of_estimate, 'estimate'),
+        (diagnose(ESTIMATE, larger, CONFIG), 'ground_truth'),
+    ):
+        (cause,) = found.causes
+        assert (cause.name, cause.side, cause.flags) == ('scale', side, (f'?unit={unit}',))
+        assert {'mm': 'millimetres', 'cm': 'centimetres'}[unit] in cause.advice
+        assert 'baseline' not in cause.advice
+
+
+def test_a_monocular_scale_is_no_unit():
+    (cause,) = diagnosis_of(replace(ESTIMATE, positions=70 * ESTIMATE.positions)).causes
+    assert cause.flags == ('--alignment', 'sim3')
+    assert 'baseline' in cause.advice

@@ -65,6 +65,7 @@ class KnownCause:
     :param comes_first: whether nothing else can be trusted while it is there.
     :param side: from the findings, the side that it is of.
     :param detail: from the correction, what is particular to this run, for the advice.
+    :param special: from the correction, advice that stands for all other; empty where none does.
     """
 
     name: str
@@ -86,6 +87,7 @@ class KnownCause:
     comes_first: bool = False
     side: Callable[[Mapping[str, Any]], str] = lambda findings: 'estimate'
     detail: Callable[[Correction], str] = lambda correction: ''
+    special: Callable[[Correction], str] = lambda correction: ''
 
     @property
     def unit_in_names(self) -> str:
@@ -120,6 +122,9 @@ class KnownCause:
 
     def advised(self, correction: Correction, side: str, limits: DiagnosisLimits) -> str:
         """Return what to do about it in a run."""
+        special = self.special(correction)
+        if special:
+            return special
         if side == 'ground_truth' and not self.comes_first:
             return OF_GROUND_TRUTH
         text = self.advice if limits.inertial else self.advice_without_imu or self.advice

@@ -4,16 +4,23 @@ from __future__ import annotations
 
 from dataclasses import replace
 import math
+from typing import NamedTuple
 
 from vio_eval_ros.core.alignment import SCALED_MODES
+from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.steps import path_of_changed_steps
 from vio_eval_ros.diagnosis.causes.cause import KnownCause, POSITION_ERRORS, template
 from vio_eval_ros.diagnosis.causes.measuring import Measuring
-from vio_eval_ros.diagnosis.correction import PosesInCorrection
+from vio_eval_ros.diagnosis.correction import Correction, PosesInCorrection
 from vio_eval_ros.diagnosis.geometry import fit_scale
 from vio_eval_ros.diagnosis.measurement import Measurement
+from vio_eval_ros.recordings.spec import LENGTH_UNITS
 
 PERCENT_PER_MINUTE = 100 * 60
+#: how near, as a share, the scale that a unit makes is
+UNIT_TOLERANCE = 0.1
+UNIT_NAMES = {'mm': 'millimetres', 'cm': 'centimetres'}
+SIDES_IN_WORDS = {'estimate': 'the estimate', 'ground_truth': 'the ground truth'}
 
 
 def _undo_scale(poses: PosesInCorrection, scale: float) -> PosesInCorrection:
@@ -27,6 +34,44 @@ def _undo_drift(poses: PosesInCorrection, per_s: float) -> PosesInCorrection:
         return poses
     factors = 1 / (1 + per_s * poses.elapsed_s)
     return replace(poses, positions=path_of_changed_steps(poses.positions, factors))
+
+
+class UnitMistaken(NamedTuple):
+    """A unit of positions that was taken for metres, and the side that is in it."""
+
+    name: str
+    side: str
+
+
+def unit_mistaken(scale: float) -> UnitMistaken | None:
+    """Return the unit that a scale comes from, if it does."""
+    for unit, metres in LENGTH_UNITS.items():
+        for side, expected in (('estimate', 1 / metres), ('ground_truth', metres)):
+            # kilometres on one side are told from millimetres on the other by what is usual
+            if metres < 1 and abs(math.log(scale / expected)) < UNIT_TOLERANCE:
+                return UnitMistaken(unit, side)
+    return None
+
+
+def _unit_of(correction: Correction) -> UnitMistaken | None:
+    return unit_mistaken(correction.value('scale', 1.0))
+
+
+def _scale_flags(correction: Correction, config: EvaluationConfig) -> tuple[str, ...]:
+    """Return the unit to state, or the alignment that removes the scale."""
+    mistaken = _unit_of(correction)
+    return ('--alignment', 'sim3') if mistaken is None else (f'?unit={mistaken.name}',)
+
+
+def _unit_advice(correction: Correction) -> str:
+    """Return which unit to state, where it is one."""
+    mistaken = _unit_of(correction)
+    if mistaken is None:
+        return ''
+    return (
+        f'The positions of {SIDES_IN_WORDS[mistaken.side]} are in {UNIT_NAMES[mistaken.name]}: '
+        f'state ?unit={mistaken.name} after its name.'
+    )
 
 
 SCALE = KnownCause(
@@ -45,7 +90,9 @@ SCALE = KnownCause(
     healthy=lambda limits, half_s: math.log(1 + limits.scale_percent / 100),
     undo=_undo_scale,
     undo_order=50,
-    flags=lambda correction, config: ('--alignment', 'sim3'),
+    flags=_scale_flags,
+    special=_unit_advice,
+    side=lambda findings: str(findings['scale_of_side']),
     acts_on='ATE',
     removed_by=tuple(SCALED_MODES),
 )
@@ -81,6 +128,8 @@ def measure(run: Measuring) -> None:
     run.note(SCALE_DRIFT, drift, drift.value / PERCENT_PER_MINUTE)
     scale = _scale(run)
     run.note(SCALE, scale, scale.value)
+    mistaken = unit_mistaken(scale.value)
+    run.findings['scale_of_side'] = 'estimate' if mistaken is None else mistaken.side
 
 
 def _scale(run: Measuring) -> Measurement:
