@@ -30,7 +30,7 @@ LAYERS = {
     'imu': {'core', 'recordings', 'rendering'},
     'inspection': {'core', 'recordings', 'rendering', 'settings'},
     'simulation': {'core', 'imu', 'rendering'},
-    'evaluation': {'core', 'recordings'},
+    'evaluation': {'core', 'diagnosis', 'recordings'},
     'reports': {'core', 'evaluation', 'rendering'},
     'scoring': {'core', 'evaluation', 'recordings', 'rendering', 'reports', 'settings'},
     'live': {'core', 'diagnosis', 'evaluation', 'recordings', 'rendering', 'reports'},

@@ -36,11 +36,18 @@ class DiagnosedRun:
     An estimate and its truth on one clock and of one body, as far as that is known.
 
     :param config: the options that have been applied.
+    :param quick: whether to leave out what takes seconds.
     :raises NoPairs: where one side has too few poses.
     """
 
-    def __init__(self, estimate: Trajectory, truth: Trajectory, config: EvaluationConfig) -> None:
-        self.config = config
+    def __init__(
+        self,
+        estimate: Trajectory,
+        truth: Trajectory,
+        config: EvaluationConfig,
+        quick: bool = False,
+    ) -> None:
+        self.config, self.quick = config, quick
         received = {'estimate': estimate, 'ground_truth': truth}
         sides = {name: _together(poses) for name, poses in received.items()}
         #: how many poses of each side have stamps far from all others, and are left out
@@ -78,7 +85,7 @@ class DiagnosedRun:
 
     def of(self, estimate: Trajectory, truth: Trajectory) -> DiagnosedRun:
         """Return this run of other poses, made from its own."""
-        run = DiagnosedRun(estimate, truth, self.config)
+        run = DiagnosedRun(estimate, truth, self.config, self.quick)
         run.stray, run.constant_orientations = self.stray, self.constant_orientations
         return run
 

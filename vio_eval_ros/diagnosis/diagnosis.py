@@ -84,7 +84,7 @@ def diagnose_run(run: DiagnosedRun, limits: DiagnosisLimits = DEFAULT) -> Diagno
     fit = first_fit(run)
     if fit.others_s:
         return _undecided(run, fit, limits)
-    if fit.residual > UNRELATED_RESIDUAL:
+    if fit.residual > UNRELATED_RESIDUAL and not run.quick:
         paced = _at_the_pace_of_truth(run, fit, limits)
         if paced is not None:
             return paced

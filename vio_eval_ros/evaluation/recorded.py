@@ -15,6 +15,7 @@ from vio_eval_ros.core.orientations import why_positions_only
 from vio_eval_ros.core.preparation import Preparation
 from vio_eval_ros.core.side import Side
 from vio_eval_ros.core.trajectory import Poses, Trajectory
+from vio_eval_ros.diagnosis.hint import hint
 from vio_eval_ros.errors import ConfigError, NoPairs
 from vio_eval_ros.evaluation.result import Input, Result
 from vio_eval_ros.recordings.agreement import assumed, settled
@@ -54,6 +55,9 @@ def score_run(
         raise NoPairs(associator.why_no_pairs())
     taken = assumed(estimate, truth)
     warnings = [*taken, *summary.warnings]
+    specs = {'estimate': estimate.spec, 'ground_truth': truth.spec}
+    if line := hint(summary.pairs, summary.metrics, config, specs):
+        warnings.append(line)
     if _are_same(estimate.poses, truth.poses):
         warnings.append('the estimate and the ground truth are the same')
     return Result(
