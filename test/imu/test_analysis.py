@@ -6,11 +6,12 @@ import math
 import numpy as np
 import pytest
 
-from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.imu.analysis import analyse
 from vio_eval_ros.imu.noise_reports import json_document, kalibr_document, plot, table
 from vio_eval_ros.imu.record import AXES, Record
 from vio_eval_ros.imu.simulated_noise import EUROC, Noise, NoiseModel, simulate_noise
+from vio_eval_ros.simulation.flight import Flight
 
 pytest.importorskip('allantools')
 
@@ -23,11 +24,11 @@ def rest(hours=1.0, noise=EUROC, seed=1):
     return BIAS + simulate_noise(count, RATE_HZ, noise, np.random.default_rng(seed))
 
 
-def analysed(samples, stated=None, stamps_ns=None):
+def analysed(samples, stated=None, stamps_ns=None, topic='/imu0'):
     record = Record('test')
     period_ns = round(1e9 / RATE_HZ)
     record.add(period_ns * np.arange(len(samples)) if stamps_ns is None else stamps_ns, samples)
-    return analyse('rest.bag:/imu0', record.finish(), stated=stated, topic='/imu0')
+    return analyse('rest.bag:/imu0', record.finish(), stated=stated, topic=topic)
 
 
 @pytest.fixture(scope='module')
@@ -47,7 +48,7 @@ def test_a_record_at_rest_gives_its_noise_without_a_warning(still):
 
 @pytest.mark.slow
 def test_degrees_and_g_are_recognised_by_magnitude_and_reported(still):
-    other = analysed(rest() / np.repeat([np.pi / 180, 9.80665], 3))
+    other = analysed(rest() / np.repeat([np.pi / 180, 9.80665], 3), topic=None)
     assert [unit.name for unit in other.units.values()] == ['deg/s', 'g']
     assert [unit.known for unit in other.units.values()] == ['by magnitude'] * 2
     assert sum('judging by its magnitude' in line for line in other.warnings) == 2
@@ -78,7 +79,42 @@ def test_a_gyroscope_of_less_than_a_second_is_judged_by_its_white_noise_at_one(c
     noise = NoiseModel(Noise(8e-4, 1e-6), EUROC.accel)
     assert analysed(rest(0.1, noise)[:count]).units['gyro'] == ('rad/s', 'by default')
     degrees = rest(0.1)[:count] / (np.pi / 180)
-    assert analysed(degrees).units['gyro'] == ('deg/s', 'by magnitude')
+    assert analysed(degrees, topic=None).units['gyro'] == ('deg/s', 'by magnitude')
+
+
+def test_a_message_has_the_unit_of_its_type_however_noisy_the_gyroscope():
+    noisy = analysed(rest(0.1, NoiseModel(Noise(5e-3, 1e-6), EUROC.accel)))
+    assert noisy.units['gyro'] == ('rad/s', 'by default')
+    assert any('very noisy for rad/s' in line for line in noisy.warnings)
+    in_g = analysed(rest(0.1) / np.repeat([1.0, 9.80665], 3))
+    assert in_g.units['accel'] == ('g', 'by magnitude')
+
+
+@pytest.mark.parametrize('absent', ['gyro', 'accel'])
+def test_a_sensor_that_is_on_another_topic_is_not_judged(absent):
+    samples = rest(0.1)
+    samples[:, :3] = 0.0 if absent == 'gyro' else samples[:, :3]
+    samples[:, 3:] = 0.0 if absent == 'accel' else samples[:, 3:]
+    found = analysed(samples)
+    assert sum('a topic of its own' in line for line in found.warnings) == 1
+    assert not any('unit is wrong' in line for line in found.warnings)
+    with pytest.raises(ConfigError, match=r'on /imu0; where each sensor has a topic of its own'):
+        kalibr_document(found)
+    present = 'accel_x' if absent == 'gyro' else 'gyro_x'
+    assert found.axes[present].fit.density.value > 0
+
+
+@pytest.mark.parametrize('seconds', [10, 60])
+def test_a_sensor_in_flight_is_refused(seconds):
+    times_ns = np.arange(0, seconds * 10**9, round(1e9 / RATE_HZ))
+    flown = Flight.random(np.random.default_rng(1)).imu_samples(times_ns)
+    with pytest.raises(ReadError, match='was moved or flown in'):
+        analysed(flown + rest()[: len(flown)] - BIAS, stamps_ns=times_ns)
+
+
+def test_three_seconds_at_rest_are_enough_for_a_density():
+    found = analysed(rest()[: round(3 * RATE_HZ)])
+    assert found.axes['gyro_x'].fit.density.value > 0
 
 
 def test_what_the_record_is_too_short_to_determine_is_a_warning():

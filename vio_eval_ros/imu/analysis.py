@@ -12,12 +12,14 @@ import numpy as np
 
 from vio_eval_ros.core.limits import PROFILES
 from vio_eval_ros.core.statistics import without_nan
+from vio_eval_ros.errors import ReadError
 from vio_eval_ros.imu.allan import allan_curve, CONFIDENCE, Curve, interval
 from vio_eval_ros.imu.fit import Fit, fit_noise, Parameter, PARAMETERS, SI
 from vio_eval_ros.imu.limits import ImuNoiseLimits
-from vio_eval_ros.imu.movement import second_samples, seconds
+from vio_eval_ros.imu.movement import second_samples, Seconds, seconds
 from vio_eval_ros.imu.record import AXES, Signal
 from vio_eval_ros.imu.record_warnings import (
+    of_absence,
     of_fits,
     of_losses,
     of_means,
@@ -184,6 +186,7 @@ def analyse(
     :param stated: the unit of 'gyro' and of 'accel', where it is known.
     :param limits: those of the profile where None.
     :raises ConfigError: there is no such profile.
+    :raises ReadError: the sensor was in motion.
     """
     limits = limits or ImuNoiseLimits.of(profile)
     means, curves, parts, vibrations = [], [], {}, {}
@@ -194,7 +197,9 @@ def analyse(
         curves.append(allan_curve(segments, signal.mean_rate_hz))
         parts[name] = seconds(segments, signal.mean_rate_hz, signal.averaged, limits)
         vibrations[name] = vibration(segments, curves[-1], limits)
-    units = _units(means, curves, stated or {}, limits)
+    units = _units(means, curves, stated or {}, limits, topic is not None)
+    absent = [kind for kind in UNITS if all(parts[name].still.all() for name in _axes(kind))]
+    _refuse_motion(source, parts, units, limits)
     axes = {}
     for name, mean, curve in zip(AXES, means, curves, strict=True):
         kind = name.partition('_')[0]
@@ -203,10 +208,12 @@ def analyse(
         axes[name] = Axis(mean * size, scaled, fit_noise(scaled, signal.missing, limits))
     times_s = signal.times_s(second_samples(signal.mean_rate_hz))
     warnings = (
-        *of_units(units),
+        *of_absence(absent),
+        *of_units({kind: unit for kind, unit in units.items() if kind not in absent}),
+        *_unlikely_unit(curves, units, limits, topic is not None),
         *of_losses(signal, limits),
         *of_movement(parts, times_s, limits),
-        *of_means({name: axis.mean for name, axis in axes.items()}, limits),
+        *of_means({name: axis.mean for name, axis in axes.items()}, limits, absent),
         *of_values(parts, times_s, units),
         *of_vibrations(vibrations),
         *of_fits({name: axis.fit for name, axis in axes.items()}),
@@ -223,16 +230,62 @@ def analyse(
     )
 
 
+def _axes(kind: str) -> list[str]:
+    """Return the names of the axes of a 'gyro' or 'accel'."""
+    return [name for name in AXES if name.startswith(kind)]
+
+
+def _refuse_motion(
+    source: str, parts: Mapping[str, Seconds], units: Mapping[str, Unit], limits: ImuNoiseLimits
+) -> None:
+    """Refuse a record of a sensor in motion, of which only the motion would be measured."""
+    rest = {'gyro': limits.rest_rate_rad_s, 'accel': limits.rest_force_m_s2}
+    turning = [
+        parts[name].turning(rest[kind] / UNITS[kind][units[kind].name])
+        for kind in UNITS
+        for name in _axes(kind)
+    ]
+    moving = np.any(turning, axis=0)
+    if moving.size and moving.mean() > limits.max_handled_ratio:
+        raise ReadError(
+            source,
+            f'the sensor was moved or flown in {moving.sum():,} of {len(moving):,} seconds, so '
+            'that its noise cannot be told from its motion; record it lying still, for hours '
+            '(--limits with a larger max_handled_ratio measures it all the same)',
+        )
+
+
 def _units(
-    means: list[float], curves: list[Curve], stated: Mapping[str, str], limits: ImuNoiseLimits
+    means: list[float],
+    curves: list[Curve],
+    stated: Mapping[str, str],
+    limits: ImuNoiseLimits,
+    of_message: bool,
 ) -> dict[str, Unit]:
-    """Return the units of the samples: as stated, else by their magnitude, else SI."""
-    is_in_degrees = _white_noise(curves[:3]) > limits.degrees_density
+    """
+    Return the units of the samples: as stated, else by their magnitude, else SI.
+
+    A message has rad/s by its definition, however noisy they are; an accelerometer at rest that
+    shows 1 is in g all the same.
+    """
+    is_in_degrees = not of_message and _white_noise(curves[:3]) > limits.degrees_density
     is_in_g = abs(float(np.linalg.norm(means[3:])) - 1) < limits.g_error
     return {
         'gyro': _unit('gyro', stated, 'deg/s', is_in_degrees),
         'accel': _unit('accel', stated, 'g', is_in_g),
     }
+
+
+def _unlikely_unit(
+    curves: list[Curve], units: Mapping[str, Unit], limits: ImuNoiseLimits, of_message: bool
+) -> Iterator[str]:
+    """Yield a warning of a gyroscope that is very noisy for the unit of its message."""
+    by_default = units['gyro'].known == 'by default'
+    if of_message and by_default and _white_noise(curves[:3]) > limits.degrees_density:
+        yield (
+            'the gyroscope is very noisy for rad/s, which its message defines; if the driver '
+            'publishes deg/s, state --gyro-unit deg/s'
+        )
 
 
 def _unit(kind: str, stated: Mapping[str, str], other: str, is_other: bool) -> Unit:

@@ -26,6 +26,8 @@ MAX_SLOPE_ERROR = 0.1  # a slope known less well does not show where white noise
 RESIDUAL_SIGMAS = 3  # of the curve, that chance explains
 ITERATIONS = 5  # of weights that depend on the result
 
+#: why an axis has no noise
+CONSTANT = 'its value never changes'
 SI = {'gyro': 'rad/s', 'accel': 'm/s2'}
 
 
@@ -117,7 +119,7 @@ def fit_noise(curve: Curve, missing: float = 0.0, limits: ImuNoiseLimits | None 
         reason = f'{100 * missing:.0f} % of the samples are missing'
         return _without_fit(curve, Parameter(reason=reason))
     if not curve.deviations.all():
-        return _without_fit(curve, Parameter(reason='its value never changes'))
+        return _without_fit(curve, Parameter(reason=CONSTANT))
     used = fit_range(curve)
     if used.sum() < limits.min_averaging_times:
         seconds = curve.samples / curve.rate_hz

@@ -44,6 +44,22 @@ class ImuNoiseLimits(Limits):
         'above which the sensor moves',
         'chance exceeds it once in 100,000 records of 6 h',
     )
+    rest_rate_rad_s: float = limit(
+        0.05,
+        'rad/s',
+        'change of the mean rate from one second to the next, above which the sensor is handled '
+        'or flown',
+        'chosen: 3 deg/s; by hand and in flight it is several times that most of the time',
+    )
+    rest_force_m_s2: float = limit(
+        0.5, 'm/s²', 'the same of the mean acceleration', 'chosen: 3 deg of tilt'
+    )
+    max_handled_ratio: float = limit(
+        0.25,
+        '',
+        'share of such seconds above which the record is refused: it shows the motion',
+        'chosen',
+    )
     resolution_sigmas: float = limit(
         1.4,
         'σ',

@@ -58,6 +58,11 @@ class Seconds:
                 found[places[(off > limits.mean_change_sigmas * usual) & new]] = True
         return found
 
+    def turning(self, limit: float) -> np.ndarray:
+        """Return the (S,) seconds whose mean differs from that before by more than a limit."""
+        changes = [np.abs(np.diff(means, prepend=means[:1])) for means in self.means]
+        return np.concatenate(changes) > limit
+
     def _changes(self, width: int) -> tuple[np.ndarray, np.ndarray]:
         """Return where windows of ``width`` seconds begin, and how their means change there."""
         places, changes, begin = [], [], 0

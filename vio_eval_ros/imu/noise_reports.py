@@ -11,7 +11,7 @@ import numpy as np
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.imu.allan import CONFIDENCE
 from vio_eval_ros.imu.analysis import Analysis, KALIBR
-from vio_eval_ros.imu.fit import Fit, Parameter, PARAMETERS, SI
+from vio_eval_ros.imu.fit import CONSTANT, Fit, Parameter, PARAMETERS, SI
 
 COLOURS = ('tab:red', 'tab:green', 'tab:blue')
 DEFAULT_TOPIC = '/imu0'
@@ -83,6 +83,11 @@ def kalibr_document(analysis: Analysis) -> str:
         value = analysis.largest(*what)
         if value is None:
             reason = next(analysis.parameters(*what)).reason
+            if reason == CONSTANT:
+                reason += (
+                    f' on {analysis.topic or analysis.source}; where each sensor has a topic of '
+                    'its own, measure both with --topic and put the four values into one file'
+                )
             raise ConfigError(f'{key} is not known: {reason}')
         lines.append(f'{key}: {value!r}')
     rate_hz = signal.rate_hz * signal.averaged

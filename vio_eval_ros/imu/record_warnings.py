@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +14,7 @@ from vio_eval_ros.imu.record import AXES, GRAVITY_M_S2, NOT_NUMBERS, Signal
 from vio_eval_ros.imu.vibration import Vibration
 
 LISTED_TIMES = 5
+SENSORS = {'gyro': 'gyroscope', 'accel': 'accelerometer'}
 
 
 class Unit(NamedTuple):
@@ -31,6 +32,15 @@ def of_units(units: Mapping[str, Unit]) -> Iterator[str]:
                 f'the {kind} is taken to be in {unit.name}, judging by its magnitude; if that is '
                 f'wrong, state the unit with --{kind}-unit'
             )
+
+
+def of_absence(absent: Collection[str]) -> Iterator[str]:
+    """Yield warnings of sensors whose values never change."""
+    for kind in absent:
+        yield (
+            f'the {SENSORS[kind]} never changes, as where each sensor has a topic of its own: '
+            'choose its topic with --topic to measure it'
+        )
 
 
 def of_losses(signal: Signal, limits: ImuNoiseLimits) -> Iterator[str]:
@@ -92,13 +102,15 @@ def of_values(
             yield f'{name}: its value is constant {_when(part.still, times_s)}'
 
 
-def of_means(means: Mapping[str, float], limits: ImuNoiseLimits) -> Iterator[str]:
+def of_means(
+    means: Mapping[str, float], limits: ImuNoiseLimits, absent: Collection[str]
+) -> Iterator[str]:
     """Yield warnings of means, rad/s and m/s² by axis, that no sensor at rest has."""
     rate = np.linalg.norm([means[name] for name in AXES[:3]])
     if rate > limits.max_rate_rad_s:
         yield f'its mean angular rate is {rate:.3g} rad/s: it rotates, or the unit is wrong'
     force = np.linalg.norm([means[name] for name in AXES[3:]])
-    if abs(force - GRAVITY_M_S2) > limits.gravity_error_m_s2:
+    if 'accel' not in absent and abs(force - GRAVITY_M_S2) > limits.gravity_error_m_s2:
         yield (
             f'its mean acceleration is {force:.4g} m/s², expected {GRAVITY_M_S2} at rest: gravity '
             'was removed, or the unit is wrong'
