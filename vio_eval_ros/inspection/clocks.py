@@ -269,7 +269,7 @@ def _late(
 def _findings(stream: SensorStream, found: Clocks, limits: InspectionLimits) -> Iterator[Finding]:
     duration_s = float(np.ptp(stream.times_ns)) / 1e9
     drift, uncertainty = found.drift_ppm, found.drift_uncertainty_ppm
-    if abs(drift) > limits.replayed_ppm:
+    if abs(drift) - NORMAL_95 * uncertainty > limits.replayed_ppm:
         pace = 1 + drift / 1e6
         yield FINDINGS['replayed'].found(
             stream,

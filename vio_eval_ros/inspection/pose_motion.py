@@ -168,7 +168,7 @@ def _frozen_findings(
                 stream,
                 minor=not abrupt,
                 then=then,
-                count=int(np.sum((ends - begins)[which])),
+                count=int(np.sum((ends - begins - 1)[which])),  # the first repeats nothing
                 value=float(lasting_ns[which].max() / 1e9),
                 moments=stream.moments(order[begins[which]], order[ends[which] - 1]),
             )

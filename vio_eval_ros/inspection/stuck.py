@@ -182,14 +182,14 @@ def _repeated(stream: SensorStream, stuck: list[Stuck]) -> Iterator[Finding]:
         begins, ends = begins[order], ends[order]
         is_stuck = np.zeros(len(stream), bool)
         for begin, end in zip(begins.tolist(), ends.tolist(), strict=True):
-            is_stuck[begin:end] = True
+            is_stuck[begin + 1 : end] = True  # the first repeats nothing
         yield FINDINGS['stuck'].found(
             stream,
             'repeated',
             severe=True,
             axes=', '.join(named(one.axes) for one in several),
             count=int(is_stuck.sum()),
-            value=int((ends - begins).max()),
+            value=int((ends - begins).max()) - 1,
             moments=stream.moments(begins, ends - 1),
         )
 
