@@ -86,6 +86,17 @@ def test_a_file_for_which_there_is_no_room_says_how_to_decompress_it(file, monke
         Recording(packed(file, '.zstd'))
 
 
+def test_a_window_beyond_the_limit_says_how_to_decompress_it(file):
+    options = {
+        zstd.CompressionParameter.window_log: 28,
+        zstd.CompressionParameter.content_size_flag: 0,
+    }
+    compressor = zstd.ZstdCompressor(options=options)
+    content = compressor.compress(file.read_bytes()) + compressor.flush()
+    with pytest.raises(ReadError, match=r'zstd -d --long=31'):
+        Recording(packed(file, '.zstd', content))
+
+
 def test_something_else_that_is_compressed_is_refused(file):
     with pytest.raises(ReadError, match=r'run\.\w+\.zstd: does not begin like'):
         Recording(packed(file, '.zstd', zstd.compress(b'# timestamp tx ty tz qx qy qz qw')))

@@ -7,6 +7,7 @@ from vio_eval_ros.recordings.storage import (
     Channel,
     Definition,
     OfferedQos,
+    RefusedError,
     rooted,
     spelled,
     standard_types,
@@ -74,7 +75,7 @@ def test_definitions_in_idl_are_read(rule):
 @pytest.mark.parametrize('encoding', ['ros2msg', 'ros2idl'])
 def test_a_damaged_definition_is_an_error_when_it_is_asked_for(encoding):
     damaged = channel(POSE, encoding, 'float64 [[[')
-    with pytest.raises(Exception, match='parse'):
+    with pytest.raises(RefusedError, match=f'has a definition of {POSE} that cannot be read'):
         damaged.types()
 
 

@@ -39,7 +39,7 @@ def decompressed_file(path: Path, stack: ExitStack) -> Path:
     limit = min(MAX_FILE_BYTES, shutil.disk_usage(folder).free * 9 // 10)
     target, size = folder / path.stem, 0
     with zstd.open(path, 'rb') as source, target.open('xb') as output:
-        while block := source.read(BLOCK_BYTES):
+        while block := _next(source):
             size += len(block)
             if size > limit:
                 raise RefusedError(
@@ -48,6 +48,18 @@ def decompressed_file(path: Path, stack: ExitStack) -> Path:
                 )
             output.write(block)
     return target
+
+
+def _next(source: zstd.ZstdFile) -> bytes:
+    try:
+        return source.read(BLOCK_BYTES)
+    except zstd.ZstdError as error:
+        if 'memory' not in str(error):
+            raise
+        raise RefusedError(
+            'was compressed with a window of more than 128 MiB; decompress it first: '
+            'zstd -d --long=31 FILE'
+        ) from error
 
 
 def decompressed_message(raw: bytes) -> bytes:

@@ -56,21 +56,25 @@ class Channel:
         """
         Return the message type as the file defines it, or the standard one where it does not.
 
-        Types that a definition uses without defining them are the standard ones. What rosbags
-        raises where the definition is damaged passes through.
+        Types that a definition uses without defining them are the standard ones.
+
+        :raises RefusedError: a definition that cannot be read, such as that of a service.
         """
         standard = standard_types(ros1=self.encoding == 'ros1')
         encoding, data = self.definition
         if not data.strip() or encoding not in ('ros1msg', 'ros2msg', 'ros2idl'):
             return standard
         text = data.decode(errors='replace')  # such as names and degrees in comments
-        defined = (
-            _types_of_idl(text)
-            if encoding == 'ros2idl'
-            else get_types_from_msg(text, self.msgtype)
-        )
         types = get_typestore(Stores.EMPTY)
-        types.register(_completed(defined, standard))
+        try:
+            is_idl = encoding == 'ros2idl'
+            defined = _types_of_idl(text) if is_idl else get_types_from_msg(text, self.msgtype)
+            types.register(_completed(defined, standard))
+        except Exception as error:  # of rosbags, anything
+            reason = next(iter(str(error).splitlines()), type(error).__name__)
+            raise RefusedError(
+                f'has a definition of {self.msgtype} that cannot be read ({reason})'
+            ) from error
         return types
 
 
