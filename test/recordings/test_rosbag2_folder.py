@@ -78,6 +78,12 @@ def refused(run: Path) -> str:
     return str(caught.value)
 
 
+def compress(path: Path, suffix: str = '.zstd', *, keep: bool = False) -> None:
+    path.with_name(path.name + suffix).write_bytes(zstd.compress(path.read_bytes()))
+    if not keep:
+        path.unlink()
+
+
 def test_what_is_listed_and_there_is_read_without_a_word(run):
     assert read(run) == (PARTS * EACH, [])
 
@@ -104,18 +110,19 @@ def test_parts_of_another_kind_are_not_read_twice(run, suffix):
     assert read(run) == (PARTS * EACH, [f'metadata.yaml does not list run_0{other}; not read'])
 
 
+def test_files_that_are_listed_twice_are_read_once(run, suffix):
+    compress(run / f'run_1{suffix}', keep=True)
+    names = [f'run_0{suffix}', f'run_1{suffix}', f'run_1{suffix}.zstd', f'old/run_2{suffix}']
+    restate(run, relative_file_paths=[*names, *names])
+    assert read(run) == (PARTS * EACH, [])
+
+
 def test_a_file_that_is_missing_is_named_with_those_that_are_there(run, suffix):
     (run / f'run_1{suffix}').unlink()
     assert refused(run) == (
         f'{run}/run_1{suffix}: there is no such file or folder, but metadata.yaml lists it; put '
         f'it back, or name a file that is there: run_0{suffix}, run_2{suffix}'
     )
-
-
-def compress(path: Path, suffix: str = '.zstd', *, keep: bool = False) -> None:
-    path.with_name(path.name + suffix).write_bytes(zstd.compress(path.read_bytes()))
-    if not keep:
-        path.unlink()
 
 
 @pytest.mark.parametrize('packed', ['.zstd', '.zst'])

@@ -110,6 +110,18 @@ def test_a_transaction_that_was_not_finished_is_undone(tmp_path, closed):
     assert positions(path) == positions(closed)
 
 
+def test_the_log_of_another_file_is_refused(tmp_path, closed):
+    path = killed(closed, tmp_path / 'killed', 30)
+    other = recorded.write(tmp_path / 'other', 'sqlite', recorded.odometry(5)) / 'other.db3'
+    with sqlite3.connect(other) as database:
+        database.execute('PRAGMA journal_mode = WAL')
+        database.execute('CREATE TABLE more (name TEXT)')
+    database.close()
+    shutil.copy(other, path)
+    with pytest.raises(ReadError, match=r'with run_0\.db3-wal, which may be that of another file'):
+        Recording(path)
+
+
 def test_a_copy_for_which_there_is_no_room_says_what_to_do(tmp_path, closed, monkeypatch):
     path = killed(closed, tmp_path / 'killed', 30)
     full = shutil.disk_usage(tmp_path)._replace(free=1000)

@@ -224,7 +224,7 @@ def test_a_part_of_a_recording_is_played_under_other_names(play, listening):
             )
         )  # fmt: skip
     with Recording(DEMO) as recording, Playback(DEMO) as playback:
-        ((poses, _),) = recording.read(['/vio/odometry'])
+        poses = recording.read(['/vio/odometry'])[0].poses
         start_ns = playback.first_ns + 10 * 10**9
         part = playback.messages({'/vio/odometry'}, start_ns, start_ns + 2 * 10**9)
         expected = [cdr for _, _, cdr in part]

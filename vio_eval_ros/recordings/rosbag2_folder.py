@@ -76,7 +76,8 @@ def storage_files(folder: Path) -> Folder:
         return _found(folder, parts, f'its {METADATA} {content}')
     _check_compression(metadata, content)
     listed = [_listed(metadata, str(name), parts) for name in content['relative_file_paths']]
-    files, warnings = _with_unlisted(listed, parts)
+    once = {part.name if (part := _part(path)) else path: path for path in listed}
+    files, warnings = _with_unlisted(list(once.values()), parts)
     return Folder(files, _promised(content), warnings)
 
 

@@ -40,7 +40,7 @@ class SqliteStorage:
             f'its recorder was stopped before it closed the file; read together with {beside.name}'
             for beside in journals(path)
         ]
-        self._database = stack.enter_context(closing(_opened(path, stack)))
+        self._database = _opened(path, stack)
         # views are not read: a query may run for ever
         tables = {name for (name,) in self._rows("name FROM sqlite_master WHERE type = 'table'")}
         if not tables >= TABLES:
@@ -113,7 +113,8 @@ def _opened(path: Path, stack: ExitStack) -> sqlite3.Connection:
     if not beside:
         # immutable: neither locks nor looks for journals, and works in folders that one may only
         # read; as_uri: names may have ? and # in them
-        return sqlite3.connect(f'{path.absolute().as_uri()}?immutable=1', uri=True)
+        uri = f'{path.absolute().as_uri()}?immutable=1'
+        return stack.enter_context(closing(sqlite3.connect(uri, uri=True)))
     folder = Path(stack.enter_context(TemporaryDirectory(prefix='vio_eval_ros_')))
     needed = sum(file.stat().st_size for file in (path, *beside))
     if needed > shutil.disk_usage(folder).free:
@@ -126,4 +127,8 @@ def _opened(path: Path, stack: ExitStack) -> sqlite3.Connection:
         shutil.copyfile(file, folder / file.name)
     if not path.stat().st_size:  # else SQLite deletes the log, which has all pages then
         (folder / path.name).write_bytes(bytes(PAGE_BYTES))
-    return sqlite3.connect(folder / path.name)
+    database = stack.enter_context(closing(sqlite3.connect(folder / path.name)))
+    ((found,),) = database.execute('PRAGMA quick_check(1)')
+    if found != 'ok':
+        raise ValueError(f'with {beside[0].name}, which may be that of another file: {found}')
+    return database
