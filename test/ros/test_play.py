@@ -40,6 +40,7 @@ DEMO = ROOT / 'demo' / 'simulated_flight'
 V1_02 = 'derived_bags/euroc_V1_02_vins_fusion'
 POSES = ('/ground_truth/pose', '/vio/odometry')
 JAZZY = get_typestore(Stores.ROS2_JAZZY)
+ROS2 = get_typestore(Stores.ROS2_JAZZY)
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
 LIMIT_S = 60
 MANY = 1_000_000
@@ -331,6 +332,35 @@ def test_what_was_latched_reaches_those_who_come_late(play, graph, listening, la
         process.send_signal(signal.SIGINT)
         ended(process)
     assert len(bytes_of(arrivals, '/map')) == 1
+
+
+@pytest.mark.parametrize(('publishers', 'kept'), [(1, [5]), (3, [0, 1, 2, 3, 4, 5])])
+def test_what_each_publisher_latched_reaches_those_who_come_late(
+    play, listening, tmp_path, publishers, kept
+):
+    kind, text = 'std_msgs/msg/String', ROS1.types['std_msgs/msg/String']
+    texts = [ROS1.serialize_ros1(text(f'{k}'), kind) for k in range(6)]
+    path = tmp_path / 'publishers.bag'
+    with Rosbag1Writer(path) as writer:
+        nodes = [
+            writer.add_connection('/map', kind, typestore=ROS1, latching=1, callerid=f'/node_{k}')
+            for k in range(publishers)
+        ]
+        for k, raw in enumerate(texts):
+            writer.write(nodes[k % publishers], 10**9 + k, raw)
+        log = writer.add_connection('/log', kind, typestore=ROS1)
+        writer.write(log, 10**9 + 6, texts[0])
+        writer.write(log, 30 * 10**9, texts[0])
+    process = play(path, '--topics', '/map', '/log')
+    with listening('/log=std_msgs/msg/String') as arrivals:
+        while not clocks(arrivals):
+            time.sleep(0.01)
+    with listening('/map=std_msgs/msg/String,latched') as arrivals:
+        arrivals.wait_for(len(kept))
+        process.send_signal(signal.SIGINT)
+        ended(process)
+    heard = [ROS2.deserialize_cdr(cdr, kind).data for cdr in bytes_of(arrivals, '/map')]
+    assert heard == [f'{k}' for k in kept]
 
 
 @pytest.fixture
