@@ -117,6 +117,13 @@ def test_files_that_are_listed_twice_are_read_once(run, suffix):
     assert read(run) == (PARTS * EACH, [])
 
 
+def test_a_folder_around_recordings_names_them(run):
+    assert refused(run.parent) == (
+        f'{run.parent}: is not a rosbag2 folder: has no metadata.yaml, and there is no .mcap, '
+        f'.db3 or .bag in it; name a folder in it: {run}'
+    )
+
+
 def test_a_file_that_is_missing_is_named_with_those_that_are_there(run, suffix):
     (run / f'run_1{suffix}').unlink()
     assert refused(run) == (

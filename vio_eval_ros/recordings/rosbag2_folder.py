@@ -177,9 +177,11 @@ def _with_unlisted(listed: list[Path], parts: Sequence[Part]) -> tuple[list[Path
 def _found(folder: Path, parts: Sequence[Part], problem: str) -> Folder:
     """Return the storage files that are there, where they are of one run."""
     if not parts:
+        inside = sorted(str(file.parent) for file in folder.glob(f'*/{METADATA}'))
         raise ReadError(
             folder,
-            f'is not a rosbag2 folder: {problem}, and there is no .mcap, .db3 or .bag in it',
+            f'is not a rosbag2 folder: {problem}, and there is no .mcap, .db3 or .bag in it'
+            + (f'; name a folder in it: {", ".join(inside)}' if inside else ''),
         )
     is_whole = [part.number for part in parts] == [*range(len(parts))]
     if len(parts) > 1 and not (is_whole and len({part.name[:2] for part in parts}) == 1):
