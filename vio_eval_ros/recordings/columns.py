@@ -101,6 +101,8 @@ VECTORS = {
     **dict.fromkeys(('p', 'pos', 'position', 'translation', 'v', 'vel', 'velocity'), 3),
     **dict.fromkeys(('bg', 'ba'), 3),
 }
+#: names that only logs of PX4 have, whose stamps are microseconds
+PX4_NAMES = frozenset(('q[0]', 'timestamp_sample'))
 # OpenVINS writes JPL quaternions from world to body: as Hamilton ones they are body to world.
 OPENVINS = ('q', 'p', 'v', 'bg', 'ba')
 
@@ -140,16 +142,21 @@ def named_columns(names: Sequence[str]) -> list[Column]:
     recorded), and the one of a sample (beside the time at which it was logged).
     """
     words = [_words(name) for name in names]
-    for place in range(1, len(words)):
+    turn = ''
+    for place, (text, _) in enumerate(words):
         # orientation, x, y, z, w: a message as rows, its fields before what is in them
-        if words[place][0] in 'xyzw' and re.fullmatch(rf'{_TURN}(_[xyz])?', words[place - 1][0]):
-            words[place] = (f'{words[place - 1][0].split("_")[0]}_{words[place][0]}', None)
+        if turn and text in 'xyzw':
+            words[place] = (f'{turn}_{text}', None)
+        else:
+            turn = text if re.fullmatch(rf'{_TURN}(?<!_[wxyz])', text) else ''
     columns = [_meant(*each) for each in words]
     _index_from_one(columns)
     meant = max((_rank(text) for text, _, column in _stamps(words, columns)), default=0)
-    for text, place, _ in _stamps(words, columns):
+    for text, place, column in list(_stamps(words, columns)):
         if _rank(text) < meant:
             columns[place] = Column(LEFT_OUT)
+        elif PX4_NAMES.intersection(names) and column.unit is None:
+            columns[place] = column._replace(unit='us')
     return columns
 
 

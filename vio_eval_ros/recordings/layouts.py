@@ -32,6 +32,7 @@ from vio_eval_ros.recordings.columns import (
     ORIENTATION_COVARIANCE,
     POSITION,
     POSITION_COVARIANCE,
+    PX4_NAMES,
     QUATERNION,
     ROLES,
     ROTATION_VECTOR,
@@ -239,7 +240,7 @@ def _named(file: TextFile, width: int, notes: list[str]) -> list[Column] | None:
         columns = named_columns(names[-width:])
         if any(one.role == LEFT_OUT for one in columns):
             return _miscounted(file)
-    if 'q[0]' in names or 'timestamp_sample' in names:
+    if PX4_NAMES.intersection(names):
         notes.append(
             f'{file.path}: as PX4 writes them, poses are in north, east, down, of a body in '
             'forward, right, down; if the other source has z up, turn the body with '

@@ -133,11 +133,11 @@ def parse(block: bytes, width: int = 0, exact: tuple[int, ...] = (0,)) -> Rows |
         values = general
     values = values.reshape(-1, width)
     kept = [column for column in exact if column < width]
-    if decimal is not None and decimal[0][kept[0] :: width].max() < INT64_MAX:
+    if decimal is not None and (not kept or decimal[0][kept[0] :: width].max() < INT64_MAX):
         digits, decimals = (part.reshape(-1, width).T for part in decimal)
         held = [k for k in kept if digits[k].max() < INT64_MAX]
         return Rows(values, {k: Decimals(digits[k].copy(), decimals[k].copy()) for k in held})
-    values[~np.isfinite(values[:, kept[0]])] = np.nan
+    values[~np.isfinite(values[:, kept[:1]]).all(axis=1)] = np.nan
     columns = {}
     for k in kept:
         try:

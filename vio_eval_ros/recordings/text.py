@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from vio_eval_ros.errors import ReadError
-from vio_eval_ros.recordings.columns import LEFT_OUT, named_columns, names_in, STAMPS
+from vio_eval_ros.recordings.columns import expanded, LEFT_OUT, named_columns, names_in, STAMPS
 from vio_eval_ros.recordings.content import content_of
 from vio_eval_ros.recordings.preambles import Export
 from vio_eval_ros.recordings.progress import Progress, silent
@@ -26,6 +26,7 @@ BLOCK_BYTES = 1 << 18
 LEAST_NUMBERS = 3  # in a row that begins with a word, and names with a meaning in a header
 
 
+WORD = rb'[A-Za-z_/]|.*\.[A-Za-z]{2,}[0-9]?$'  # a name, or that of a file
 NUMBER = rb'[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|[-+]?(nan|inf(inity)?)|'
 
 
@@ -78,12 +79,12 @@ def read_text(
     first = _first_rows(data, start)
     separator = _separator(first)
     text = _text_columns(first, separator)
+    blank = tuple(k for k, words in enumerate(_columns(first, separator)) if not any(words))
     names = _names(header, len(_cells(first[0], separator)) if first else 0)
     if stamps is None:
-        stamps = _stamp_columns(names, first, separator)
+        stamps = _stamp_columns(names, first, separator, (*text, *blank))
     rows = _rows(path, data, start, progress, _Parser(separator, text, stamps))
     has_end = bool(first) and first[0].endswith(separator.encode())
-    blank = tuple(k for k, words in enumerate(_columns(first, separator)) if not any(words))
     return TextFile(
         path=path,
         rows=rows,
@@ -104,7 +105,7 @@ def split_header(data: bytes) -> tuple[bytes, int]:
     while start < len(data):
         end = data.find(b'\n', start) + 1 or len(data)
         line = data[start:end].strip().lower()
-        if (line and re.match(rb'[^#%a-z_"]|nan|inf', line)) or _is_row(line):
+        if (line and re.match(rb'[^#%a-z_"/]|(nan|inf)\b', line)) or _is_row(line):
             break
         start = end
     return data[:start], start
@@ -150,7 +151,7 @@ def _text_columns(rows: list[bytes], separator: str) -> tuple[int, ...]:
     return tuple(
         column
         for column, words in enumerate(_columns(rows, separator))
-        if all(re.match(rb'["\']?[A-Za-z_/]', word) for word in words)
+        if all(re.match(WORD, word) for word in words)
         and not any(re.fullmatch(NUMBER, word.lower()) for word in words)
     )
 
@@ -160,6 +161,8 @@ def _names(header: bytes, width: int) -> tuple[str, ...] | None:
     for line in reversed(header.decode(errors='replace').splitlines()):
         names = names_in(line)
         meant = {column.role for column in named_columns(names)} - {LEFT_OUT}
+        if expanded(names, width):
+            return tuple(names)
         is_bare = not line.lstrip().startswith(('#', '%')) and len(names) == width
         if (
             len(meant) >= LEAST_NUMBERS
@@ -171,15 +174,16 @@ def _names(header: bytes, width: int) -> tuple[str, ...] | None:
 
 
 def _stamp_columns(
-    names: tuple[str, ...] | None, rows: list[bytes], separator: str
+    names: tuple[str, ...] | None, rows: list[bytes], separator: str, empty: tuple[int, ...]
 ) -> tuple[int, ...]:
-    """Return the columns that may hold stamps."""
+    """Return the columns that may hold stamps, those without numbers excepted."""
     if names:
-        named = [k for k, column in enumerate(named_columns(names)) if column.role in STAMPS]
-        frames = [k for k, column in enumerate(named_columns(names)) if column.role == 'frame']
-        return tuple(named or frames or [0])
+        columns = [(k, one.role) for k, one in enumerate(named_columns(names)) if k not in empty]
+        named = [k for k, role in columns if role in STAMPS]
+        return tuple(named or [k for k, role in columns if role == 'frame'] or [0])
     whole = all(re.match(rb'[-+]?\d{1,10}$', _cells(row, separator)[0]) for row in rows)
-    return (0, 1, 2) if rows and (whole or _text_columns(rows, separator)) else (0,)
+    numbers = [k for k in range(len(empty) + 3) if k not in empty]
+    return tuple(numbers[:3] if rows and whole else numbers[:1])
 
 
 class _Parser(NamedTuple):
