@@ -530,6 +530,22 @@ def test_what_fits_nothing_says_what_would(path):
         read(path)
 
 
+@pytest.mark.parametrize(
+    'columns',
+    [
+        ['x', 'y', 'z', *TUM[4:], 't'],
+        ['x', 'y', 'z', 't', *TUM[4:]],
+        ['extra0', *TUM[1:], 't'],
+        ['extra0', *MATRIX, 't_ns'],
+        [*TUM[4:], 't', 'x', 'y', 'z'],
+    ],
+)
+def test_what_does_not_go_up_is_no_stamp(path, columns):
+    path.write_text(table(columns))
+    with pytest.raises(ReadError, match=r'\?columns='):
+        read(path)
+
+
 # -- stated --------------------------------------------------------------------------------------
 
 

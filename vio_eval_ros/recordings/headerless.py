@@ -42,6 +42,8 @@ TUM = ('t', 'position, quaternion')
 TUM_NAME = 't, position, quaternion'
 MOST_FRAMES = 1e7
 RISING_SHARE = 0.9
+#: of the steps between stamps, the share that may go back; where there are enough to tell
+MOST_BACK, FEWEST_STEPS = 0.3, 8
 NSEC = 1_000_000_000
 #: nanoseconds have larger ones among them; what has not is another unit, or a flag
 LEAST_NSEC = 1_000_000
@@ -162,9 +164,11 @@ def _is_first(file: TextFile, first: str, used: list[int], name: str) -> bool:
         return name != 'position'
     if first == 't':
         # numbers of frames before a matrix, as KITTI-360 has them, are no stamps
-        if name.startswith('matri'):
-            return not _are_frames(file, used[0])
-        return name != 'position' or _rise(values[:, used[0]])
+        if name.startswith('matri') and _are_frames(file, used[0]):
+            return False
+        if name == 'position':
+            return _rise(values[:, used[0]])
+        return _may_be_stamps(file, used)
     if first == 'frame':
         return name.startswith('matri') and _are_frames(file, used[0])
     at = dict(zip(first.split(), used, strict=False))
@@ -197,6 +201,17 @@ def _rise(values: np.ndarray) -> bool:
     """Return whether numbers go up, as stamps do."""
     known = values[np.isfinite(values)]
     return len(known) < 2 or bool((np.diff(known) > 0).mean() >= RISING_SHARE)
+
+
+def _may_be_stamps(file: TextFile, used: list[int]) -> bool:
+    """Return whether the first column may be stamps, perhaps of runs one after the other."""
+    steps = np.diff(file.rows.values[:, used[0]])
+    if len(steps) > FEWEST_STEPS and (steps < 0).mean() > MOST_BACK:
+        return False
+    first = file.rows.values[:, used]
+    known = np.abs(np.nan_to_num(first)).max(axis=0) >= EARLIEST_S
+    # times since 1970 in a later column are the stamps, and not what goes up in the first
+    return bool(known[0]) or not any(known[k] and _rise(first[:, k]) for k in range(1, len(used)))
 
 
 def _count(values: np.ndarray) -> bool:
