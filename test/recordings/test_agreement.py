@@ -259,6 +259,31 @@ def test_frame_numbers_are_named(tmp_path, files, verb, first, epoch):
     assert '--times' in said
 
 
+@pytest.mark.parametrize('epoch', [0, 1_700_000_000])
+def test_numbers_of_keyframes_are_named(tmp_path, files, epoch):
+    pair = files()
+    rows = (tmp_path / 'est.txt').read_text().splitlines()
+    numbers = np.flatnonzero(np.random.default_rng(1).random(len(rows)) < 0.25)
+    lines = (f'{k} {rows[k].split(" ", 1)[1]}\n' for k in numbers)
+    (tmp_path / 'est.txt').write_text(''.join(lines))
+    write(tmp_path / 'gt.txt', replace(TRUTH, stamps_ns=TRUTH.stamps_ns + epoch * 10**9))
+    assert 'are frame numbers' in complaint('replay', *pair)
+
+
+def test_a_part_of_a_run_in_milliseconds_is_recognised(tmp_path, files):
+    pair = files()
+    write(tmp_path / 'est.txt', RUN.estimate[150:250], unit=1e3)
+    assert 'stamps are read as ms' in document('replay', *pair)['warnings'][0]
+
+
+def test_a_truth_in_whole_seconds_of_an_estimate_that_is_wrong_is_no_count(tmp_path, files):
+    pair = files()
+    wrong = replace(RUN.estimate, positions=RUN.estimate.positions[::-1].copy() ** 2)
+    write(tmp_path / 'est.txt', wrong)
+    write(tmp_path / 'gt.txt', RUN.ground_truth[::200], stamps='{:.0f}')
+    assert not [w for w in document('replay', *pair)['warnings'] if 'frame' in w]
+
+
 def test_frame_numbers_on_both_sides_are_said(tmp_path):
     for name, poses in (('est.txt', RUN.ground_truth), ('gt.txt', RUN.ground_truth)):
         counted = replace(
@@ -304,6 +329,15 @@ def test_a_scale_that_is_fitted_or_stated_is_only_said(files):
     assert 'positions in mm?' in found['warnings'][0]
     pair[1] += '?unit=m'
     assert 'positions in mm?' in document('replay', *pair)['warnings'][0]
+
+
+def test_millimetres_on_both_sides_are_said(files):
+    pair = files({'scale': 1000.0}, {'scale': 1000.0})
+    assert (
+        'positions in mm? Then append ?unit=mm to both' in document('replay', *pair)['warnings'][0]
+    )
+    pair[1], pair[3] = f'{pair[1]}?unit=mm', f'{pair[3]}?unit=mm'
+    assert not [w for w in document('replay', *pair)['warnings'] if 'mm' in w]
 
 
 @pytest.mark.parametrize('scale', [0.3, 7.0, 95.0, 1 / 90, 0.02, 1 / 900, 800.0])

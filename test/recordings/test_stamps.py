@@ -85,6 +85,13 @@ def test_a_second_run_over_the_same_time_begins_where_stamps_jump_back(shift_s, 
         assert run_starts(poses([*first, *second, *first])) == [0, 200, 200 + len(second)]
 
 
+def test_a_part_that_is_there_twice_with_other_stamps_is_a_run():
+    assert run_starts(poses([*np.arange(10.0, 20.0, 0.1), *np.arange(0.01, 14.0, 0.1)])) == [
+        0,
+        100,
+    ]
+
+
 def test_a_short_first_run_is_one_too():
     assert run_starts(poses([0, 0.1, 0.2, 0.3, *np.arange(0.02, 20.0, 0.1)])) == [0, 4]
 

@@ -47,11 +47,16 @@ UNIT_TOLERANCE = 0.03
 APART = 0.01
 #: ... and as much as most have
 TOGETHER = 0.3
+#: and of the shorter one, where the motions show that it is a part of the other
+CONTAINED = 0.5
 #: intervals between poses of any estimate or ground truth
 SHORTEST_S, LONGEST_S = 2e-4, 30.0
 #: intervals of one side, and of the other, above which both may count something shorter
 SLOW_S, SLOW_TOO_S = 10.0, 1.0
-LARGEST_FIRST_FRAME = 10**7
+#: frame numbers begin below this, and those of keyframes are no further apart than this
+LARGEST_FIRST_FRAME, LARGEST_FRAME_STEP = 10**7, 40
+#: m/s, beyond which a body in front of cameras does not move in the mean
+FASTEST_M_S = 150.0
 
 Sides = tuple[Source, Source]
 
@@ -314,9 +319,8 @@ class _Span(NamedTuple):
 
     @classmethod
     def of(cls, poses: Poses, offset_s: float) -> _Span:
-        """Return the span without the earliest and latest twentieth, which may be stray."""
-        stamps = poses.stamps_ns[poses.stamps_ns != 0] if poses.zero_is_unset else poses.stamps_ns
-        stamps = np.sort(stamps)
+        """Return the span without the earliest and latest twentieth, stray or never set."""
+        stamps = np.sort(poses.stamps_ns)
         cut = len(stamps) // 20
         inner = stamps[cut : len(stamps) - cut] / 1e9 + offset_s
         seconds = float(inner[-1] - inner[0])
@@ -333,6 +337,12 @@ class _Span(NamedTuple):
         either = max(self.last_s, other.last_s) - min(self.first_s, other.first_s)
         return max(both, 0.0) / either if either else 0.0
 
+    def contained(self, other: _Span) -> float:
+        """Return the time that both have, over that of the shorter one."""
+        both = min(self.last_s, other.last_s) - max(self.first_s, other.first_s)
+        shorter = min(self.last_s - self.first_s, other.last_s - other.first_s)
+        return max(both, 0.0) / shorter if shorter > 0 else 0.0
+
     def similar(self, other: _Span) -> bool:
         """Return whether both last about as long."""
         longer, shorter = sorted((self.last_s - self.first_s, other.last_s - other.first_s))[::-1]
@@ -344,26 +354,32 @@ def _with_units_of_stamps(sides: Sides, config: EvaluationConfig) -> Sides:
     if min(map(len, sides)) < FEWEST_PAIRS or not any(map(_has_open_stamps, sides)):
         return sides
     spans = _spans(sides, config)
-    sides = _without_frame_numbers(sides, spans, config)
+    counting = [_has_open_stamps(side) and _counts(side) for side in sides]
+    if all(counting):
+        return _with_frames_said(sides)
+    frames = any(counting) and not spans[0].similar(spans[1]) and not _are_one_path(sides, config)
     slow = sorted(span.interval_s for span in spans)
     is_slow = slow[0] > SLOW_TOO_S and slow[1] > SLOW_S and all(map(_whole_seconds, sides))
-    if spans[0].share(spans[1]) > APART and not is_slow:
+    if spans[0].share(spans[1]) > APART and not (is_slow or frames):
         return sides
-    ways = [_in_every_unit(side) for side in sides]
-    fitting, similar = [], []
-    for choice in product(*ways):
+    shown, likely = [], []
+    for choice in product(*map(_in_every_unit, sides)):
         chosen = (choice[0], choice[1])
         found = _spans(chosen, config)
-        if chosen != sides and all(span.plausible for span in found):
-            if found[0].share(found[1]) > TOGETHER:
-                fitting.append(chosen)
-            elif found[0].similar(found[1]) and not spans[0].similar(spans[1]):
-                similar.append(chosen)
-    shown = [chosen for chosen in fitting if _are_one_path(chosen, config)]
+        if chosen == sides or not all(span.plausible for span in found):
+            continue
+        if found[0].contained(found[1]) > CONTAINED and _are_one_path(chosen, config):
+            shown.append(chosen)
+        elif found[0].share(found[1]) > TOGETHER or (
+            found[0].similar(found[1]) and not spans[0].similar(spans[1])
+        ):
+            likely.append(chosen)
     if len(shown) == 1 and not is_slow:
         return _said(sides, shown[0])
-    if fitting or similar:
-        _ask(sides, spans, (shown or fitting or similar)[0])
+    if frames:
+        _refuse_frames(sides[counting.index(True)])
+    if shown or likely:
+        _ask(sides, spans, (shown or likely)[0])
     return sides
 
 
@@ -426,22 +442,19 @@ def _ask(sides: Sides, spans: Sequence[_Span], chosen: Sides) -> NoReturn:
     )
 
 
-def _without_frame_numbers(
-    sides: Sides, spans: Sequence[_Span], config: EvaluationConfig
-) -> Sides:
-    """Return the sides, noting that both count frames; ``ReadError`` where only one does."""
-    counting = [_has_open_stamps(side) and _counts(side) for side in sides]
-    if not any(counting):
+def _with_frames_said(sides: Sides) -> Sides:
+    """Return two sides that count, noting it where they count frames."""
+    if not all(side.stamps_ns[0] <= 10**9 and _step_ns(side) == 10**9 for side in sides):
         return sides
-    if all(counting):
-        note = (
-            f'{sides[0].spec}: the stamps of both sides count 1, 2, 3: if they are frame numbers, '
-            'every second here is a frame; write their times instead'
-        )
-        return _noted(sides[0], note), sides[1]
-    if spans[0].share(spans[1]) > TOGETHER and _are_one_path(sides, config):
-        return sides
-    side = sides[counting.index(True)]
+    note = (
+        f'{sides[0].spec}: the stamps of both sides count 1, 2, 3: if they are frame numbers, '
+        'every second here is a frame; write their times instead'
+    )
+    return _noted(sides[0], note), sides[1]
+
+
+def _refuse_frames(side: Source) -> NoReturn:
+    """Raise that the stamps of a side are frame numbers."""
     numbers = ', '.join(str(stamp) for stamp in (side.stamps_ns[:3] // 10**9).tolist())
     raise ReadError(
         side.spec,
@@ -452,11 +465,15 @@ def _without_frame_numbers(
 
 
 def _counts(side: Source) -> bool:
-    """Return whether stamps are whole numbers from about zero on, most of them one apart."""
-    stamps_ns = side.stamps_ns
-    if not (0 <= stamps_ns[0] < LARGEST_FIRST_FRAME * 10**9 and _whole_seconds(side)):
+    """Return whether stamps are whole numbers that grow from not much more than zero."""
+    first = int(side.stamps_ns[0])
+    if not (0 <= first < LARGEST_FIRST_FRAME * 10**9 and _whole_seconds(side)):
         return False
-    return bool(np.median(np.diff(stamps_ns)) == 10**9)
+    return 10**9 <= _step_ns(side) <= LARGEST_FRAME_STEP * 10**9
+
+
+def _step_ns(side: Source) -> float:
+    return float(np.median(np.diff(side.stamps_ns)))
 
 
 def _whole_seconds(side: Source) -> bool:
@@ -471,11 +488,31 @@ def _with_units_of_positions(sides: Sides, config: EvaluationConfig) -> Sides:
     known = _matched(sides[0].poses, sides[1].poses, config)
     if known is None or not known.one_path:
         return sides
+    sides = _with_speed_said(sides, known)
     for unit, metres in LENGTH_UNITS.items():
         for k, scale in enumerate((metres, 1 / metres)):
             if metres < 1 and abs(known.alignment.scale / scale - 1) < UNIT_TOLERANCE:
                 return _in_another_unit(sides, k, unit, config)
     return sides
+
+
+def _with_speed_said(sides: Sides, matched: _Matched) -> Sides:
+    """Return both sides, noting where both are too fast to be in metres."""
+    speeds = []
+    for side, rows in zip(sides, matched.rows, strict=True):
+        seconds = np.diff(side.stamps_ns[rows]) / 1e9
+        moved = rotation.lengths(np.diff(side.positions[rows], axis=0))
+        later = seconds > 0
+        speeds.append(float(np.median(moved[later] / seconds[later])) if later.any() else 0.0)
+    if min(speeds) < FASTEST_M_S or any(
+        'unit' in Spec.parse(one.spec).statements for one in sides
+    ):
+        return sides
+    note = (
+        f'both sides move at {min(speeds):.0f} m/s in the median: positions in mm? Then append '
+        '?unit=mm to both'
+    )
+    return _noted(sides[0], note), sides[1]
 
 
 def _in_another_unit(sides: Sides, k: int, unit: str, config: EvaluationConfig) -> Sides:
@@ -490,5 +527,8 @@ def _in_another_unit(sides: Sides, k: int, unit: str, config: EvaluationConfig) 
     if fitted or not side.paths or any('unit' in stated for stated in statements):
         noted = _noted(side, f'{side.spec}: {found}')
         return (noted, sides[1]) if k == 0 else (sides[0], noted)
-    specs = [with_statement(side, f'unit={each}') for each in (unit, 'm')]
-    raise ReadError(side.spec, f'{found} Write {specs[0]}, or {specs[1]} to leave them so')
+    ways = [with_statement(side, f'unit={unit}')]
+    if unit == 'mm':
+        ways.append(with_statement(sides[1 - k], 'unit=km'))
+    as_is = with_statement(side, 'unit=m')
+    raise ReadError(side.spec, f'{found} Write {" or ".join(ways)}, or {as_is} to leave them so')

@@ -97,7 +97,7 @@ def run_starts(poses: Poses) -> list[int]:
 
 def _share_time(before_ns: np.ndarray, after_ns: np.ndarray) -> bool:
     """Return whether two parts of a stream lie in time among each other."""
-    first, last = after_ns[0], before_ns.max()
+    first, last = max(after_ns.min(), before_ns.min()), min(before_ns.max(), after_ns.max())
     parts = [part[(part >= first) & (part <= last)] for part in (before_ns, after_ns)]
     fewest = min(map(len, parts))
     order = np.argsort(np.concatenate(parts), kind='stable')
