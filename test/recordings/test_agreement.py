@@ -141,6 +141,49 @@ def test_what_is_not_settled_is_asked_with_both_specs(tmp_path):
     assert call('replay', *pair).returncode == 0
 
 
+def planar(poses: Trajectory, turning: bool = True) -> Trajectory:
+    """Return the poses of a car that drives in a circle, or straight on."""
+    angles = 0.4 * (poses.stamps_ns - TRUTH.stamps_ns[0]) / 1e9
+    x, y = (np.sin(angles), 1 - np.cos(angles)) if turning else (angles, 0 * angles)
+    noise = np.random.default_rng(len(poses)).normal(scale=0.01, size=(len(poses), 3))
+    return replace(
+        poses,
+        positions=3 * np.column_stack([x, y, 0 * x]) + noise,
+        rotations=rotation.about_z(angles if turning else 0 * angles),
+    )
+
+
+@pytest.mark.parametrize('comma', [' ', ','])
+@pytest.mark.parametrize('order', ['xyzw', 'wxyz'])
+@pytest.mark.parametrize('side', [0, 1])
+def test_the_order_of_what_turns_in_a_plane_is_settled_too(tmp_path, side, order, comma):
+    names = ['est.txt', 'gt.txt']
+    for name, poses in zip(names, (RUN.estimate, TRUTH), strict=True):
+        how = {'order': order, 'comma': comma} if name == names[side] else {}
+        write(tmp_path / name, planar(poses), **how)
+    pair = ['--estimate', tmp_path / names[0], '--ground-truth', tmp_path / names[1]]
+    found = document('replay', *pair)
+    assert found['metrics']['ate_rot_rmse_deg'] < 2
+    open_side = (order, comma) != ('xyzw', ' ')
+    said = [w for w in found['warnings'] if f'{names[side]}: read with quaternion={order}' in w]
+    assert len(said) == open_side
+
+
+def swaying(poses: Trajectory) -> Trajectory:
+    """Return the poses of what flies in a circle and hardly turns."""
+    sway = rotation.about_z(0.002 * np.sin(np.arange(len(poses))))
+    return replace(planar(poses), rotations=sway)
+
+
+def test_a_rule_that_makes_no_sense_is_doubted_where_nothing_turns(tmp_path):
+    write(tmp_path / 'est.txt', swaying(RUN.estimate), order='wxyz')
+    write(tmp_path / 'gt.txt', swaying(TRUTH))
+    pair = ['--estimate', tmp_path / 'est.txt', '--ground-truth', tmp_path / 'gt.txt']
+    assert 'the rule of its layout, orientations are' in document('replay', *pair)['warnings'][0]
+    write(tmp_path / 'est.txt', swaying(RUN.estimate))
+    assert document('replay', *pair)['warnings'] == []
+
+
 def test_a_truth_of_positions_needs_no_order(tmp_path):
     estimate = write(tmp_path / 'est.csv', RUN.estimate, comma=',')
     sources = read_sources([str(estimate)])

@@ -39,6 +39,10 @@ SAME_PATH = 0.3
 CONSTANT_DEG = 20.0
 #: ... and the one that does not matter
 RESOLVED_DEG = 0.3
+#: the rotation between two bodies that are meant to be one
+SAME_BODY_DEG = 10.0
+#: ... and the one that makes a rule doubtful, where the other order has less than that
+DOUBTFUL_DEG = 90.0
 #: how many times as far off any other reading is
 CLEARLY = 3.0
 #: how near to a power of ten a scale is that comes from a unit
@@ -157,13 +161,15 @@ def _with_orders(sides: Sides, config: EvaluationConfig) -> Sides:
     ways = [side.readings or _stated_and_other(side) for side in sides]
     if max(map(len, ways)) == 1:
         return sides
-    spreads = _spreads(ways, config)
-    choice = _choice(ways, spreads)
+    relations = _relations(ways, config)
+    choice = _choice(ways, relations)
+    if choice is None:
+        _check_usual(sides, relations)
     settled = []
     for k, side in enumerate(sides):
         note, taken = '', ways[k][0] if choice is None else ways[k][choice[k]]
         if choice is not None and not taken.usual:
-            shown = _shown(choice, k, spreads=spreads, other=NAMES[1 - k])
+            shown = _shown(choice, k, relations=relations, other=NAMES[1 - k])
             if side.readings:
                 spec = with_statement(side, taken.statement)
                 note = (
@@ -172,8 +178,10 @@ def _with_orders(sides: Sides, config: EvaluationConfig) -> Sides:
             else:
                 note = f'{side.spec}: {ways[k][0].statement} is stated, but not {shown}'
                 taken = ways[k][0]
+        elif choice is not None and side.readings:
+            note = _doubt(side, choice, k, relations=relations)
         elif choice is None and not taken.usual:
-            note = _undecided(side, NAMES[1 - k], comparable=bool(spreads))
+            note = _undecided(side, NAMES[1 - k], comparable=bool(relations))
         settled.append(_noted(replace(side, poses=taken.poses, readings=()), note))
     return settled[0], settled[1]
 
@@ -209,16 +217,24 @@ def _stated_and_other(side: Source) -> tuple[Reading, ...]:
     )
 
 
-def _spreads(ways: Sequence[Ways], config: EvaluationConfig) -> dict[Choice, float]:
+class _Relation(NamedTuple):
     """
-    Return how far orientations are from one constant relation [deg], for each choice of readings.
+    The rotation between estimated and true orientations.
 
-    Infinite where the positions are not of one path; empty where there is nothing to compare.
+    :param spread_deg: the median angle to its mean; infinite where it is not known.
+    :param turn_deg: of the mean.
     """
+
+    spread_deg: float = math.inf
+    turn_deg: float = math.inf
+
+
+def _relations(ways: Sequence[Ways], config: EvaluationConfig) -> dict[Choice, _Relation]:
+    """Return the relation for each choice of readings; none where there is nothing to compare."""
     known = _matched(ways[0][0].poses, ways[1][0].poses, config)
     if known is None:
         return {}
-    spreads = {}
+    relations = {}
     for choice in product(*(range(len(each)) for each in ways)):
         one, other = (each[k].poses for each, k in zip(ways, choice, strict=True))
         first = (each[0].poses for each in ways)
@@ -232,64 +248,108 @@ def _spreads(ways: Sequence[Ways], config: EvaluationConfig) -> dict[Choice, flo
         compared = [one[known.rows[0]], other[known.rows[1]]]
         if any(poses.rotations is None or why_positions_only(poses) for poses in compared):
             return {}
-        spreads[choice] = math.inf if found is None else _spread_deg(one, other, found)
-    return spreads
+        relations[choice] = _Relation() if found is None else _relation(one, other, found)
+    return relations
 
 
-def _spread_deg(estimate: Poses, truth: Poses, matched: _Matched) -> float:
+def _relation(estimate: Poses, truth: Poses, matched: _Matched) -> _Relation:
     """
-    Return the median angle between the estimate's orientations and the true ones [deg].
+    Return the rotation from the estimate's orientations to the true ones.
 
     The worlds are those that the positions show, and a sensor that is mounted otherwise, a
     constant rotation, is allowed for.
     """
     if not matched.one_path:
-        return math.inf
+        return _Relation()
     sides = [
         poses.rotations[rows]  # type: ignore[index]
         for poses, rows in zip((estimate, truth), matched.rows, strict=True)
     ]
     known = usable(sides[0]) & usable(sides[1])
     if np.count_nonzero(known) < FEWEST_PAIRS:
-        return math.inf
+        return _Relation()
     one, other = (rotation.normalize(side[known]) for side in sides)
     world = rotation.multiply(matched.alignment.rotation, one)
     relative = rotation.multiply(rotation.conjugate(world), other)
     # the mean rotation (Markley et al. 2007), whatever the signs of the quaternions
     mean = np.linalg.eigh(relative.T @ relative)[1][:, -1]
-    return math.degrees(float(np.median(rotation.angle_between(relative, mean))))
+    off = float(np.median(rotation.angle_between(relative, mean)))
+    return _Relation(math.degrees(off), math.degrees(float(rotation.angle(mean))))
 
 
-def _choice(ways: Sequence[Ways], spreads: dict[Choice, float]) -> Choice | None:
+def _agreeing(relations: dict[Choice, _Relation]) -> list[Choice]:
+    """Return the choices of readings under which the relation is constant, as far as any is."""
+    best = min((one.spread_deg for one in relations.values()), default=math.inf)
+    if not best < CONSTANT_DEG:
+        return []
+    limit = CLEARLY * max(best, RESOLVED_DEG)
+    return [choice for choice, one in relations.items() if one.spread_deg < limit]
+
+
+def _choice(ways: Sequence[Ways], relations: dict[Choice, _Relation]) -> Choice | None:
     """
     Return which readings the two sides settle on; None where they do not.
 
     Where several agree equally well, as where both sides could be misread alike, it is the one
-    that follows the rules of the layouts.
+    that follows the rules of the layouts; then, of orientations that change, the only one under
+    which both sides have the same body.
     """
-    best = min(spreads.values(), default=math.inf)
-    if not best < CONSTANT_DEG:
-        return None
-    agreeing = [
-        choice for choice, off in spreads.items() if off < CLEARLY * max(best, RESOLVED_DEG)
-    ]
+    agreeing = _agreeing(relations)
 
     def departures(choice: Choice) -> int:
         """Return how many sides have a rule that is not followed."""
         return sum(ways[k][0].usual and not ways[k][taken].usual for k, taken in enumerate(choice))
 
-    fewest = min(map(departures, agreeing))
+    fewest = min(map(departures, agreeing), default=0)
     left = [choice for choice in agreeing if departures(choice) == fewest]
+    if len(left) > 1 and len(agreeing) < len(relations):
+        turns = sorted((relations[choice].turn_deg, choice) for choice in left)
+        if turns[0][0] < SAME_BODY_DEG and turns[1][0] > CLEARLY * SAME_BODY_DEG:
+            return turns[0][1]
     return left[0] if len(left) == 1 else None
 
 
-def _shown(choice: Choice, k: int, *, spreads: dict[Choice, float], other: str) -> str:
+def _check_usual(sides: Sides, relations: dict[Choice, _Relation]) -> None:
+    """Raise what to state where orientations agree only under readings that are not usual."""
+    agreeing = _agreeing(relations)
+    if not agreeing or (0, 0) in agreeing:
+        return
+    for k, side in enumerate(sides):
+        for choice in agreeing:
+            if side.readings and choice[k]:
+                raise ReadError(
+                    side.spec,
+                    f'its orientations do not fit those of the {NAMES[1 - k]}, unless one side '
+                    'has another order of quaternions; write '
+                    f'{with_statement(side, side.readings[choice[k]].statement)}, or state both',
+                )
+
+
+def _shown(choice: Choice, k: int, *, relations: dict[Choice, _Relation], other: str) -> str:
     """Return what shows a reading of one side, in words."""
-    others = [off for each, off in spreads.items() if each[k] != choice[k]]
+    others = [
+        one.spread_deg
+        for each, one in relations.items()
+        if each[k] != choice[k] and each[1 - k] == choice[1 - k]
+    ]
     return (
-        f'as the {other} shows: relative to it orientations vary by {spreads[choice]:.2g} deg, '
-        f'read otherwise by {min(others):.2g} deg'
+        f'as the {other} shows: relative to it orientations vary by '
+        f'{relations[choice].spread_deg:.2g} deg, read otherwise by {min(others):.2g} deg'
     )
+
+
+def _doubt(side: Source, choice: Choice, k: int, *, relations: dict[Choice, _Relation]) -> str:
+    """Return that orientations that hardly change would fit in another order; empty if not."""
+    agreeing = _agreeing(relations)
+    for each in agreeing:
+        near, taken = relations[each].turn_deg, relations[choice].turn_deg
+        if each[1 - k] == choice[1 - k] and near < SAME_BODY_DEG and taken > DOUBTFUL_DEG:
+            return (
+                f'{side.spec}: read with {side.readings[choice[k]].statement}, the rule of its '
+                f'layout, orientations are {taken:.0f} deg from those of the {NAMES[1 - k]}, and '
+                f'with {side.readings[each[k]].statement} {near:.0f} deg'
+            )
+    return ''
 
 
 def _undecided(side: Source, other: str, *, comparable: bool) -> str:
