@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from verbs import call, complaint, document
+import vio_eval_ros as vio
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.errors import ReadError
@@ -122,6 +123,22 @@ def test_what_is_stated_stays_and_is_contradicted(files):
     assert found['metrics']['ate_rot_rmse_deg'] > 30
     pair[1] = pair[1].replace('xyzw', 'wxyz')
     assert document('replay', *pair)['warnings'] == []
+
+
+@pytest.mark.parametrize('side', [0, 1])
+def test_arrays_in_another_order_are_pointed_out(side):
+    columns = [(p.stamps_ns, p.positions, p.rotations) for p in (RUN.estimate, TRUTH)]
+    assert vio.evaluate(*columns).warnings == ()
+    stamps_ns, positions, rotations = columns[side]
+    columns[side] = (stamps_ns, positions, rotations[:, ORDERS['wxyz']])
+    first = vio.evaluate(*columns).warnings[0]
+    assert 'quaternion=xyzw is the order of rotations, but not as the' in first
+
+
+def test_arrays_in_millimetres_are_pointed_out():
+    truth = (TRUTH.stamps_ns, 1000 * TRUTH.positions, TRUTH.rotations)
+    found = vio.evaluate((RUN.estimate.stamps_ns, RUN.estimate.positions), truth)
+    assert 'positions in mm?' in found.warnings[0]
 
 
 def straight(poses: Trajectory) -> Trajectory:

@@ -176,7 +176,8 @@ def _with_orders(sides: Sides, config: EvaluationConfig) -> Sides:
                     f'{side.spec}: read with {taken.statement}, {shown}; to state it, write {spec}'
                 )
             else:
-                note = f'{side.spec}: {ways[k][0].statement} is stated, but not {shown}'
+                said = 'stated' if side.paths else 'the order of rotations'
+                note = f'{side.spec}: {ways[k][0].statement} is {said}, but not {shown}'
                 taken = ways[k][0]
         elif choice is not None and side.readings:
             note = _doubt(side, choice, k, relations=relations)
@@ -203,8 +204,8 @@ def _noted(source: Source, note: str) -> Source:
 
 
 def _stated_and_other(side: Source) -> tuple[Reading, ...]:
-    """Return the reading that the user states, and the one with the other order, if he does."""
-    statements = Spec.parse(side.spec).statements
+    """Return the reading that is stated, as it is of arrays, and the one with the other order."""
+    statements = Spec.parse(side.spec).statements if side.paths else {'quaternion': 'xyzw'}
     stated, rotations = statements.get('quaternion'), side.poses.rotations
     only = Reading('', side.poses, usual=True)
     if stated is None or rotations is None or 'invert' in statements:
@@ -577,7 +578,10 @@ def _with_speed_said(sides: Sides, matched: _Matched) -> Sides:
 
 def _in_another_unit(sides: Sides, k: int, unit: str, config: EvaluationConfig) -> Sides:
     """Return the sides with a note that one has another unit, or raise it."""
-    side, statements = sides[k], [Spec.parse(each.spec).statements for each in sides]
+    side, statements = (
+        sides[k],
+        [Spec.parse(each.spec).statements for each in sides if each.paths],
+    )
     found = (
         f'its path is {1 / LENGTH_UNITS[unit]:.0f} times as large as that of the {NAMES[1 - k]}: '
         f'positions in {unit}?'
