@@ -527,6 +527,8 @@ def test_an_unknown_topic_is_answered_with_those_that_can_be_scored(recording):
     assert '/odometry: there is no such topic' in message
     assert f'/Odometry (nav_msgs/msg/Odometry, {COUNT})' in message
     assert f'/tf:PARENT.CHILD (tf2_msgs/msg/TFMessage, {COUNT})' in message
+    assert message.endswith('; /tf has map.base; write /tf:map.base, for example')
+    assert '/tf_static' not in message
     assert '\n' not in message
 
 
@@ -541,7 +543,7 @@ def test_a_topic_without_poses_is_refused_by_the_name_of_its_type(shared_data):
 @pytest.mark.parametrize(
     ('spec', 'error', 'words'),
     [
-        ('/tf', UnsupportedMessage, 'write /tf:PARENT.CHILD'),
+        ('/tf', UnsupportedMessage, 'write /tf:PARENT.CHILD; /tf has map.base;'),
         (
             '/Odometry:map.base',
             UnsupportedMessage,

@@ -326,6 +326,26 @@ def test_transforms_that_share_no_time_are_refused():
         built.lookup('map.base')
 
 
+@pytest.mark.parametrize(
+    ('dynamic', 'static', 'motion'),
+    [
+        (moving('odom', 'base', [1, 2, 3]), [], 'odom.base'),
+        (moving('odom', 'base', [1, 2, 3]), [('map', 'odom')], 'map.base'),
+        (
+            [*moving('map', 'odom', [1, 3]), *moving('odom', 'base', [1, 2, 3])],
+            [('world', 'map'), ('base', 'imu')],
+            'world.base',
+        ),
+        ([*moving('a', 'b', [1, 2, 3]), *moving('b', 'a', [1, 2])], [], 'a.b'),
+        ([transform('odom', 'base', stamp, (1, 0, 0)) for stamp in (1, 2, 3)], [], None),
+        ([], [('map', 'odom')], None),
+    ],
+)
+def test_the_main_motion_begins_at_the_root(dynamic, static, motion):
+    built = tree(dynamic, [transform(*edge, 0, (0, 0, 1)) for edge in static])
+    assert built.main_motion() == motion
+
+
 def test_a_chain_of_random_transforms_is_what_scipy_makes_of_it():
     spatial = pytest.importorskip('scipy.spatial.transform')
     random = np.random.default_rng(7)

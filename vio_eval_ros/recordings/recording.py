@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
+from itertools import islice
 import re
 from typing import NamedTuple
 
@@ -23,6 +24,10 @@ from vio_eval_ros.recordings.transforms import static_topics, TransformTree, TRE
 
 ELEMENT = re.compile(r'(/.*?)\[(.*)\]')
 
+# what follows the name of a TF topic in a spec
+FRAMES = ':PARENT.CHILD'
+# of a TF topic, an error lists some of the transforms in its first messages
+FIRST_MESSAGES, LISTED_TRANSFORMS = 1000, 10
 # Takes the time [ns] at which a message was recorded, and its bytes.
 Sink = Callable[[int, bytes], None]
 
@@ -174,7 +179,8 @@ class Recording(Container):
         (topic,) = found
         is_tree = topic.msgtype in TREE_TYPES
         if is_tree and wanted.frames is None:
-            raise UnsupportedMessage(source, f'carries transforms; write {name}:PARENT.CHILD')
+            listed = self._transforms_of(topic)
+            raise UnsupportedMessage(source, f'carries transforms; write {name}{FRAMES}{listed}')
         if wanted.frames is not None and not is_tree:
             raise UnsupportedMessage(source, f'carries {topic.msgtype}, not transforms')
         if not is_tree:
@@ -193,7 +199,25 @@ class Recording(Container):
     def choice(self) -> str:
         """Return a sentence that lists what can be evaluated."""
         listed = self.choices()
-        return f'topics with poses: {", ".join(listed)}' if listed else 'no topic has poses'
+        trees = [one for one in self.topics if one.count and self._selector(one) == FRAMES]
+        sentence = f'topics with poses: {", ".join(listed)}' if listed else 'no topic has poses'
+        return sentence + ''.join(map(self._transforms_of, trees))
+
+    def _transforms_of(self, topic: Topic) -> str:
+        """Return which transforms a TF topic has, by its first messages; empty if unreadable."""
+        sinks: dict[str, list[Sink]] = defaultdict(list)
+        try:
+            tree = self._feed_tree(topic, sinks, recorded=False)
+            for log_ns, channel, raw in islice(self.as_written(set(sinks)), FIRST_MESSAGES):
+                for sink in sinks[channel.topic]:
+                    sink(log_ns, raw)
+        except ReadError:
+            return ''
+        sent = sorted(tree.sent(), key=len)
+        more = ' and more' if len(sent) > LISTED_TRANSFORMS else ''
+        motion = tree.main_motion()
+        example = f'; write {topic.name}:{motion}, for example' if motion else ''
+        return f'; {topic.name} has {", ".join(sent[:LISTED_TRANSFORMS])}{more}{example}'
 
     def choices(self) -> list[str]:
         """Return the specs of what can be evaluated, each with type and number of messages."""
@@ -206,7 +230,8 @@ class Recording(Container):
     def _selector(self, topic: Topic) -> str | None:
         """Return what follows the name of a topic in a spec; None where it has no poses."""
         if topic.msgtype in TREE_TYPES:
-            return ':PARENT.CHILD'
+            # what is on a static topic does not move
+            return None if static_topics('', [topic.name]) else FRAMES
         try:
             decoder = self.decoder(topic)
             is_array = isinstance(decoder.converter, ArrayConverter)

@@ -128,6 +128,25 @@ class TransformTree:
         """Return what came of each transform, by 'PARENT.CHILD', but on static topics."""
         return {_name(edge): samples.poses() for edge, samples in sorted(self._dynamic.items())}
 
+    def main_motion(self) -> str | None:
+        """
+        Return the transform that changes most often as 'PARENT.CHILD', from the root of its tree.
+
+        None where none changes.
+        """
+        changes = {edge: _changes(samples.poses()) for edge, samples in self._dynamic.items()}
+        moving = max(changes, key=lambda edge: changes[edge], default=None)
+        if moving is None or not changes[moving]:
+            return None
+        edges = [*itertools.chain.from_iterable(self._static.values()), *self._dynamic]
+        parents = {child: parent for parent, child in edges}
+        root, child = moving
+        passed = {root, child}
+        while root in parents and parents[root] not in passed:
+            root = parents[root]
+            passed.add(root)
+        return f'{root}.{child}'
+
     def lookup(self, frames: str) -> Poses:
         """
         Return the poses of CHILD in PARENT.
