@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.interleaving import interleaving
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.diagnosis.recorded import diagnose_sources
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.evaluation.recorded import score_run
 from vio_eval_ros.recordings.publishers import refuse_mixed
-from vio_eval_ros.recordings.sources import Source
+from vio_eval_ros.recordings.sensors import read_sensors
+from vio_eval_ros.recordings.sources import read_sources, Source
 from vio_eval_ros.simulation.simulated_run import simulate
 
 
@@ -58,3 +60,42 @@ def test_a_time_offset_counts_before_the_time_is_chosen(run, mixed):
     refuse_mixed(*sources, EvaluationConfig(time_offset_s=-3600.0, end_s=29.0))
     with pytest.raises(ReadError, match='two publishers'):
         refuse_mixed(*sources, EvaluationConfig(time_offset_s=-3600.0, end_s=39.0))
+
+
+@pytest.mark.slow
+def test_no_trajectory_of_a_published_system_is_taken_for_two(shared_data):
+    folders = [
+        one for one in sorted(shared_data.iterdir()) if one.name[:3] in ('est', 'gt_', 'evo')
+    ]
+    files = [file for one in folders for file in one.rglob('*') if file.suffix in ('.txt', '.csv')]
+    read = 0
+    for file in files:
+        try:
+            (known,) = read_sources([str(file)])
+        except ReadError:
+            continue  # KITTI's poses have no stamps, tables are no trajectories
+        assert interleaving(known.poses) is None, file
+        read += 1
+    assert read > 30
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    'name',
+    [
+        'evo/nav2_turtlebot.mcap',
+        'evo/tf_example.bag',
+        'robot_localization/test2.bag',
+        'rosbag_js/example-bz2.bag',
+    ],
+)
+def test_no_recorded_topic_or_transform_is_taken_for_two(shared_data, name):
+    streams = read_sensors(shared_data / 'bags' / name).streams
+    transforms = [poses for stream in streams for poses in stream.transforms.values()]
+    poses = [
+        Poses(stream.stamps_ns, stream.numbers[:, :3], stream.numbers[:, 3:])
+        for stream in streams
+        if stream.kind == 'pose'
+    ]
+    assert transforms or poses
+    assert not any(interleaving(one) for one in [*transforms, *poses])

@@ -156,6 +156,24 @@ def test_a_correction_that_is_sent_again_and_again_does_not_lead():
     assert poses.positions[:, 1].tolist() == [stamp // 50 for stamp in range(0, 198, 10)]
 
 
+@pytest.mark.parametrize('ratio', [1, 4])
+def test_a_transform_that_two_publishers_send_in_turn_breaks_a_chain(ratio):
+    """Two nodes localise the robot, one of them wrongly; neither changes what it sends."""
+    corrections = [
+        transform('map', 'odom', 50_000_000 * k, (0.0 if k % (ratio + 1) else 2.0, 0, 0))
+        for k in range(400)
+    ]
+    steps = np.arange(400)
+    base = [
+        transform('odom', 'base', 50_000_000 * k + 1, (np.sin(k / 40), np.cos(k / 30), 0))
+        for k in steps.tolist()
+    ]
+    built = tree([*corrections, *base])
+    with pytest.raises(ReadError, match=r'map\.base: map\.odom: poses of two trajectories, 2 m'):
+        built.lookup('map.base')
+    assert len(built.lookup('odom.base')) == 400
+
+
 def test_a_slow_motion_is_one_though_no_step_of_it_is_seen():
     slow = [transform('odom', 'base', stamp, (stamp * 4e-7, 0, 0)) for stamp in range(10)]
     built = tree(slow, [transform('base', 'imu', 0, (0, 0, 1))])

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vio_eval_ros.core.config import nearest_name
+from vio_eval_ros.core.interleaving import interleaving
 from vio_eval_ros.core.interpolation import interpolated
 from vio_eval_ros.core.rotation import conjugate, multiply, normalize, rotate
 from vio_eval_ros.core.trajectory import Poses
@@ -159,7 +160,8 @@ class TransformTree:
         for whatever was left out or assumed.
 
         :param frames: 'PARENT.CHILD'; frames may themselves contain dots.
-        :raises ReadError: unknown or unconnected frames, or nothing between them that moves.
+        :raises ReadError: unknown or unconnected frames, or nothing between them that moves; of
+            several transforms between them, one that two publishers send in turn.
         """
         source = f'{self._topic}:{frames}'
         chain, static = self._chain(source, *self._split(source, frames))
@@ -167,6 +169,8 @@ class TransformTree:
         if not sent:
             raise ReadError(source, 'every transform between the two is static: nothing moves')
         changes = {edge: _changes(samples) for edge, samples in sent.items()}
+        if len(sent) > 1:  # of one alone, whoever scores it sees as much
+            _refuse_mixed(source, {edge: sent[edge] for edge in sent if changes[edge]})
         leading = max(sent, key=lambda edge: (changes[edge], len(sent[edge])))
         if not changes[leading]:
             self.warnings.append(f'{source}: nothing moves: {_name(leading)} never changes')
@@ -334,6 +338,16 @@ def _differ(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     turned = np.abs(one[:, 3:] - other[:, 3:]).max(axis=1)
     turned_back = np.abs(one[:, 3:] + other[:, 3:]).max(axis=1)
     return np.asarray(np.maximum(moved, np.minimum(turned, turned_back)) > CONSTANT)
+
+
+def _refuse_mixed(source: str, sent: Mapping[Edge, Poses]) -> None:
+    """Raise ``ReadError`` where two publishers send one transform in turn, with two values."""
+    for edge, samples in sent.items():
+        found = interleaving(samples)
+        if found is not None:
+            raise ReadError(
+                source, f'{_name(edge)}: {found}; stop one of them, or give it frames of its own'
+            )
 
 
 def _name(edge: Edge) -> str:
