@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from vio_eval_ros.core import rotation
-from vio_eval_ros.core.interleaving import interleaving
+from vio_eval_ros.core.interleaving import copies, interleaving
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.simulation.faults import FAULTS, inject
 from vio_eval_ros.simulation.simulated_run import simulate
@@ -117,6 +117,22 @@ def test_a_publisher_that_sends_twice_is_one():
     assert interleaving(replace(twice, stamps_ns=twice.stamps_ns + late_ns)) is None
     as_new_ns = START_NS + 50_000_000 * np.arange(len(twice))
     assert interleaving(replace(twice, stamps_ns=as_new_ns)) is None
+
+
+def test_copies_are_told_from_poses_that_are_held():
+    poses = published(20)
+    twice = poses[np.repeat(np.arange(len(poses)), 2)]
+    late_ns = np.tile([0, 1_000_000], len(poses))
+    again = copies(replace(twice, stamps_ns=twice.stamps_ns + late_ns))
+    assert np.array_equal(again, late_ns > 0)
+    assert not copies(twice).any()
+    assert not copies(poses).any()
+    held = np.arange(len(poses)) // 5 * 5
+    assert not copies(replace(poses[held], stamps_ns=poses.stamps_ns)).any()
+    assert not copies(poses[np.zeros(len(poses), int)]).any()
+    assert not copies(replace(poses[held * 0], stamps_ns=poses.stamps_ns)).any()
+    assert not copies(poses[:1]).any()
+    assert not copies(poses[:0]).any()
 
 
 def test_two_runs_one_after_the_other_do_not_take_turns():

@@ -1089,6 +1089,18 @@ def test_poses_of_two_publishers_are_found(rig):
     assert 'transforms             /tf: map.base (3000)' in text_document(Report('r', inspection))
 
 
+def test_poses_that_two_publishers_send_alike_are_told_of(rig):
+    pose = rig['pose']
+    twice = kept(pose, np.repeat(np.arange(len(pose)), 2))
+    late_ns = np.tile([0, 400_000], len(pose))
+    twice = replace(
+        twice, stamps_ns=twice.stamps_ns + late_ns, logged_ns=twice.logged_ns + late_ns
+    )
+    found = [one for one in inspected(rig, pose=twice).findings if one.name == 'two_publishers']
+    assert [(one.level, one.count) for one in found] == [('info', len(pose))]
+    assert found[0].message.startswith('3000 of 6000 poses repeat the one before')
+
+
 def test_of_many_transforms_the_first_are_listed(rig):
     stream = as_transforms(rig['pose'])
     many = {f'base.wheel_{k:02}': stream.transforms['map.base'][:2] for k in range(25)}

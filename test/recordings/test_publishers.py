@@ -9,7 +9,7 @@ from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.diagnosis.recorded import diagnose_sources
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.evaluation.recorded import score_run
-from vio_eval_ros.recordings.publishers import refuse_mixed
+from vio_eval_ros.recordings.publishers import of_one_publisher
 from vio_eval_ros.recordings.sensors import read_sensors
 from vio_eval_ros.recordings.sources import read_sources, Source
 from vio_eval_ros.simulation.simulated_run import simulate
@@ -37,7 +37,7 @@ def mixed(run):
     return joined[np.argsort(joined.stamps_ns, kind='stable')]
 
 
-@pytest.mark.parametrize('verb', [score_run, diagnose_sources, refuse_mixed])
+@pytest.mark.parametrize('verb', [score_run, diagnose_sources, of_one_publisher])
 def test_neither_side_may_be_of_two_publishers(run, mixed, verb):
     sides = {'est.txt': run.estimate, 'gt.txt': run.ground_truth}
     for wrong in sides:
@@ -57,9 +57,25 @@ def test_the_time_in_which_there_is_but_one_can_be_scored(run, mixed):
 def test_a_time_offset_counts_before_the_time_is_chosen(run, mixed):
     later = Poses(mixed.stamps_ns + 3_600_000_000_000, mixed.positions, mixed.rotations)
     sources = source('est.txt', later), source('gt.txt', run.ground_truth)
-    refuse_mixed(*sources, EvaluationConfig(time_offset_s=-3600.0, end_s=29.0))
+    of_one_publisher(*sources, EvaluationConfig(time_offset_s=-3600.0, end_s=29.0))
     with pytest.raises(ReadError, match='two publishers'):
-        refuse_mixed(*sources, EvaluationConfig(time_offset_s=-3600.0, end_s=39.0))
+        of_one_publisher(*sources, EvaluationConfig(time_offset_s=-3600.0, end_s=39.0))
+
+
+@pytest.mark.parametrize('late_ns', [200_000, 1_000_000])
+def test_poses_that_two_publishers_sent_alike_are_counted_once(run, late_ns):
+    estimate = Poses(run.estimate.stamps_ns, run.estimate.positions, run.estimate.rotations)
+    again = Poses(estimate.stamps_ns + late_ns, estimate.positions, estimate.rotations)
+    twice = Poses.concatenate([estimate, again])
+    twice = twice[np.argsort(twice.stamps_ns, kind='stable')]
+    truth = source('gt.txt', run.ground_truth)
+    config = EvaluationConfig()
+    once = score_run(source('est.txt', estimate), truth, config)
+    result = score_run(source('est.txt', twice), truth, config)
+    assert result.summary.metrics == pytest.approx(once.summary.metrics, abs=0, rel=0, nan_ok=True)
+    (warning,) = set(result.summary.warnings) - set(once.summary.warnings)
+    assert warning.startswith('est.txt: 800 of 1600 poses repeat the one before')
+    assert not diagnose_sources(source('est.txt', twice), truth, config).causes
 
 
 @pytest.mark.slow

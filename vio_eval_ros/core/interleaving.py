@@ -50,6 +50,9 @@ TRAVEL = 1.5
 MIN_ALL_SWITCHES = 20
 MIN_WINDOWS = 3
 MIN_SHARE = 0.2
+#: a pose comes again within this share of the period, as do at least as many of all
+AGAIN_PERIODS = 0.1
+AGAIN_SHARE = 0.4
 #: two clocks are at least as far apart
 CLOCKS_APART_S = 1.0
 
@@ -121,6 +124,33 @@ def interleaving(poses: Poses) -> Interleaving | None:
             chosen = arrival[_windows(order, size)]
             found = found or _in_positions(poses, chosen) or _in_orientations(poses, chosen)
     return found
+
+
+def copies(poses: Poses) -> np.ndarray:
+    """
+    Return (N,) which poses repeat one that was stamped just before, where every other one does.
+
+    That is what two publishers of one trajectory make. Poses that are held do not count, nor do
+    those with the very same stamp, of which cleaning keeps the first.
+    """
+    again = np.zeros(len(poses), bool)
+    order = np.argsort(poses.stamps_ns, kind='stable')
+    east = poses.positions[order, 0]
+    is_same = east[1:] == east[:-1]
+    if np.count_nonzero(is_same) < max(AGAIN_SHARE * len(poses), 1):
+        return again
+    for column in (poses.positions, poses.rotations):
+        if column is not None:
+            ordered = column[order]
+            is_same &= (ordered[1:] == ordered[:-1]).all(axis=1)
+    stamps_ns = poses.stamps_ns[order]
+    steps_ns, new_ns = np.diff(stamps_ns), stamps_ns[np.append(True, ~is_same)]
+    if len(new_ns) < 2:
+        return again
+    is_same &= (steps_ns > 0) & (steps_ns < AGAIN_PERIODS * np.median(np.diff(new_ns)))
+    if np.count_nonzero(is_same) >= AGAIN_SHARE * len(poses):
+        again[order[1:]] = is_same
+    return again
 
 
 def _two_clocks(stamps_ns: np.ndarray, ordered_ns: np.ndarray) -> Interleaving | None:

@@ -21,7 +21,7 @@ from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.agreement import assumed, settled
 from vio_eval_ros.recordings.imu import read_imu
 from vio_eval_ros.recordings.progress import Progress
-from vio_eval_ros.recordings.publishers import refuse_mixed
+from vio_eval_ros.recordings.publishers import of_one_publisher
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.recordings.text import read_text
@@ -68,7 +68,7 @@ def diagnose_sources(
     :raises ConfigError: there is no such profile.
     """
     estimate, ground_truth = settled(estimate, ground_truth, config)
-    refuse_mixed(estimate, ground_truth, config)
+    estimate, ground_truth = of_one_publisher(estimate, ground_truth, config)
     received = {'estimate': estimate.poses, 'ground_truth': ground_truth.poses}
     unusable = [side for side, each in received.items() if why_positions_only(each) == UNUSABLE]
     counts = {side: Cleaning() for side in received}

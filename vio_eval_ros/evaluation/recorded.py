@@ -19,7 +19,7 @@ from vio_eval_ros.diagnosis.hint import hint
 from vio_eval_ros.errors import ConfigError, NoPairs
 from vio_eval_ros.evaluation.result import Input, Result
 from vio_eval_ros.recordings.agreement import assumed, settled
-from vio_eval_ros.recordings.publishers import refuse_mixed
+from vio_eval_ros.recordings.publishers import of_one_publisher
 from vio_eval_ros.recordings.sources import Source
 
 #: poses of the ground truth that a result keeps for drawing it
@@ -43,7 +43,7 @@ def score_run(
     :raises ConfigError: poses whose orientations say nothing are to be moved to another frame.
     """
     estimate, truth = settled(estimate, truth, config)
-    refuse_mixed(estimate, truth, config)
+    estimate, truth = of_one_publisher(estimate, truth, config)
     _check_bodies(config, estimate.poses, truth.poses)
     evaluation = _evaluated(config, estimate.poses, truth.poses)
     causal = None

@@ -326,7 +326,12 @@ _POSES = (
     FindingKind(
         'two_publishers', 'poses', 'warn',
         when='poses of two or three trajectories, or clocks, take turns on one topic or transform',
-        evidence='{name}{found}',
+        minor='poses that come twice',
+        evidence={
+            'mixed': '{name}{found}',
+            'twice': '{name}{count} of {total} poses repeat the one before, at nearly the same '
+            'stamp: two publishers of one trajectory',
+        },
         cure='stop all but one of the publishers (`ros2 topic info -v`), or give each a topic',
         unit='m',
     ),

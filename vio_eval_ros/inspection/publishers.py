@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from vio_eval_ros.core.interleaving import interleaving
+from vio_eval_ros.core.interleaving import copies, interleaving
 from vio_eval_ros.core.sensor_stream import SensorStream
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.inspection.finding import Finding
@@ -32,10 +32,16 @@ def publishers(stream: SensorStream) -> Iterator[Finding]:
             # transforms are no input of an estimator, but what it is scored by
             yield FINDINGS['two_publishers'].found(
                 stream.topic,
+                'mixed',
                 name=name,
                 found=found,
                 count=found.switches,
                 value=found.apart,
                 unit=found.unit,
                 moments=(stream.moment(first, last),),
+            )
+        elif again := int(np.count_nonzero(copies(poses))):
+            total = len(poses)
+            yield FINDINGS['two_publishers'].found(
+                stream.topic, 'twice', minor=True, name=name, count=again, total=total
             )

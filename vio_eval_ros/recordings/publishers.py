@@ -1,24 +1,28 @@
-"""Refuses sources in which poses of several publishers take turns."""
+"""Sources as one publisher would have sent them; refused where several take turns."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 import math
 
 import numpy as np
 
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.core.interleaving import interleaving
+from vio_eval_ros.core.interleaving import copies, interleaving
 from vio_eval_ros.core.intervals import nanoseconds
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.sources import Source
 
 
-def refuse_mixed(estimate: Source, truth: Source, config: EvaluationConfig) -> None:
+def of_one_publisher(
+    estimate: Source, truth: Source, config: EvaluationConfig
+) -> tuple[Source, Source]:
     """
-    Check that each side is one trajectory, in the time that is evaluated.
+    Return both sides as one publisher would have sent them: without poses that came twice.
 
-    :raises ReadError: the poses of two or three trajectories take turns in it.
+    :raises ReadError: in the time that is evaluated, the poses of two or three trajectories take
+        turns.
     """
     true_ns = truth.poses.stamps_ns
     if truth.poses.zero_is_unset:
@@ -32,6 +36,20 @@ def refuse_mixed(estimate: Source, truth: Source, config: EvaluationConfig) -> N
                 f'{found}; name a topic that only one of them publishes, or record each on a '
                 'topic of its own; --start-s and --end-s choose a time without them',
             )
+    return _once(estimate), _once(truth)
+
+
+def _once(source: Source) -> Source:
+    """Return a source without the second of poses that were published twice."""
+    again = copies(source.poses)
+    if not again.any():
+        return source
+    warning = (
+        f'{source.spec}: {np.count_nonzero(again)} of {len(again)} poses repeat the one before, '
+        'at nearly the same stamp, as of two publishers; they are left out'
+    )
+    poses = source.poses[np.flatnonzero(~again)]
+    return replace(source, poses=poses, warnings=(*source.warnings, warning))
 
 
 def _within(poses: Poses, begin_ns: int, config: EvaluationConfig) -> Poses:
