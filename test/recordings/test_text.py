@@ -110,6 +110,7 @@ def test_stamps_keep_every_nanosecond(tmp_path, stamp, unit, nanoseconds):
         'timestamp tx ty tz qx qy qz qw\n' + ROW,
         '"t","x","y","z"\n' + ROW.replace(' ', ';') + '\n',
         '# a comment\r' + ROW + '\r',
+        '# position of the drone, then its orientation\n' + ROW + '\n',
         '\ufeff# a comment\n' + ROW + '\n',
     ],
     ids=[
@@ -121,6 +122,7 @@ def test_stamps_keep_every_nanosecond(tmp_path, stamp, unit, nanoseconds):
         'header',
         'semicolons',
         'carriage returns',
+        'a sentence',
         'byte order mark',
     ],
 )

@@ -13,6 +13,8 @@ from typing import NamedTuple
 
 LEFT_OUT = '_'
 POSITION = ('x', 'y', 'z')
+#: latitude, longitude and height above the ellipsoid, in place of a position
+GEODETIC = ('lat', 'lon', 'alt')
 QUATERNION = ('qx', 'qy', 'qz', 'qw')
 #: a quaternion in the order of its columns, w being the last of them or the first
 OPEN_QUATERNION = ('q1', 'q2', 'q3', 'q4')
@@ -35,6 +37,8 @@ ROLES: dict[str, tuple[str, ...]] = {
     't': TIMES,
     **dict.fromkeys(('sec', 'nsec', 'frame'), ()),
     **dict.fromkeys(POSITION, LENGTHS),
+    **dict.fromkeys(('lat', 'lon'), ANGLES),
+    'alt': ('m',),
     **dict.fromkeys(QUATERNION, ()),
     **dict.fromkeys((*EULER, *ROTATION_VECTOR), ANGLES),
     **dict.fromkeys(MATRIX, ()),
@@ -65,6 +69,7 @@ _PLACE = rf'(?:(?:t|p|pos|position|trans|translation|loc|location){_OF_WHAT_IN_W
 _TURN = (
     rf'(?:q|quat|quaternion|ori|orient|orientation|rot|rotation|att|attitude){_OF_WHAT_IN_WHAT}'
 )
+_FIX = r'(?:(?:gps|gnss|geo|fix|position)_)?'
 _TIME = r'(?:t|ts|time|times|timestamps?|time_?stamps?|stamps?|unix_?time|epoch)'
 _UNIT = '(?:_(?P<unit>{}))?'
 _LENGTH = _UNIT.format('m|cm|mm|km')
@@ -83,6 +88,9 @@ SYNONYMS: dict[str, str] = {
     r'(?:pos|position)_0?0': 'x',
     r'(?:pos|position)_0?1': 'y',
     r'(?:pos|position)_0?2': 'z',
+    rf'{_FIX}lat(?:itude)?{_ANGLE}': 'lat',
+    rf'{_FIX}(?:lon|long|lng|longitude){_ANGLE}': 'lon',
+    rf'{_FIX}(?:alt|altitude|height|hgt|elevation|ellipsoidal_height|h_ell)(?:_m)?': 'alt',
     rf'{_TURN}_?([xyzw])': 'q{0}',
     rf'{_TURN}_0?0': 'qw',
     rf'{_TURN}_0?1': 'qx',

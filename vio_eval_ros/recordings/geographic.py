@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 
-from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.errors import ConfigError, ReadError
 
 #: the largest latitude and longitude [deg]; some count longitude to 360
 LARGEST_DEG = (90.0, 360.0)
+LARGEST_RAD = (np.pi / 2, np.pi)
+#: what only degrees are: none of many is near zero, they change by less than 50 km make, and the
+#: altitude in metres by many times as much
+LEAST_PLACES, LEAST_DEG, MOST_DEG, STEEPER = 10, 1.0, 0.5, 20.0
 
 
 def east_north_up(
@@ -43,7 +49,8 @@ def east_north_up(
 class Projection:
     """Projects the positions of a stream, part by part, around its first place."""
 
-    def __init__(self) -> None:
+    def __init__(self, parts: str = 'messages') -> None:
+        self._parts = parts
         self._origin: np.ndarray | None = None
         self._count = self._nowhere = 0
 
@@ -68,10 +75,56 @@ class Projection:
         found = [] if self._origin is None else [projected(self._origin)]
         if self._nowhere:
             found.append(
-                f'{self._nowhere} of {self._count} messages have no fix, or no latitude, '
+                f'{self._nowhere} of {self._count} {self._parts} have no fix, or no latitude, '
                 'longitude and altitude; they are dropped'
             )
         return found
+
+
+def of_columns(path: Path, geodetic: np.ndarray, unit: str | None, notes: list[str]) -> np.ndarray:
+    """
+    Return (N, 3) metres east, north and up of the columns of a text file.
+
+    :param geodetic: (N, 3) latitude, longitude, height [m].
+    :param unit: of latitude and longitude, 'deg' or 'rad'; None where the file does not say it.
+    :param notes: takes a sentence on where they are projected.
+    :raises ReadError: they are no degrees, or may be radians.
+    """
+    known = geodetic[np.isfinite(geodetic).all(axis=1), :2]
+    if unit == 'rad':
+        geodetic = np.hstack([np.degrees(geodetic[:, :2]), geodetic[:, 2:]])
+    elif unit is None and len(known) and (np.abs(known) <= LARGEST_RAD).all():
+        raise ReadError(
+            path,
+            'its latitude and longitude may be radians; write the unit behind their names: '
+            "'latitude [deg]' or 'latitude [rad]'",
+        )
+    if not are_places(geodetic).any():
+        shown = ', '.join(f'{value:.9g}' for value in geodetic[0])
+        raise ReadError(
+            path,
+            f'no row has a latitude and longitude in degrees with an altitude (the first: {shown})'
+            '; convert them to decimal degrees and metres',
+        )
+    projection = Projection('rows')
+    positions = projection(geodetic)
+    notes += (f'{path}: {note}' for note in projection.notes())
+    return positions
+
+
+def look_like_degrees(positions: np.ndarray) -> bool:
+    """
+    Return whether (N, 3) positions show what only latitude, longitude and altitude do.
+
+    Far from zero, the first two change by fractions, and the third by much more.
+    """
+    known = positions[np.isfinite(positions).all(axis=1)]
+    if len(known) < LEAST_PLACES:
+        return False
+    angles, extent = np.abs(known[:, :2]), np.ptp(known, axis=0)
+    in_range = (angles.max(axis=0) <= (180.0, 180.0)).all() and angles.min() > LEAST_DEG
+    moves_level = 0 < extent[:2].max() < MOST_DEG
+    return bool(in_range and moves_level and extent[2] > STEEPER * extent[:2].max())
 
 
 def are_places(geodetic: np.ndarray) -> np.ndarray:

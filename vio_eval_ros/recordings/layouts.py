@@ -25,6 +25,7 @@ from vio_eval_ros.recordings.columns import (
     COVARIANCE,
     EULER,
     expanded,
+    GEODETIC,
     LEFT_OUT,
     MATRIX,
     named_columns,
@@ -39,6 +40,7 @@ from vio_eval_ros.recordings.columns import (
     STAMPS,
     stated_columns,
 )
+from vio_eval_ros.recordings.geographic import look_like_degrees, of_columns
 from vio_eval_ros.recordings.headerless import known_layouts, TUM_NAME, unit_windows, used_columns
 from vio_eval_ros.recordings.messages import covariance_blocks
 from vio_eval_ros.recordings.motion_capture import poses_of_export
@@ -137,10 +139,8 @@ def poses_of(
         )
     layout = _layout(file, times, statements, notes)
     stamps_ns = _stamps(file, layout, times, statements, notes)
-    place = layout.places(POSITION)
-    assert place is not None  # every layout has a position
     values = file.rows.values
-    positions = values.take(place, axis=1) * _metres(file, layout, place, statements)
+    positions = _positions(file, layout, statements, notes)
     own = [k for k, column in enumerate(layout.columns) if column.role in STAMPS]
     positions[~np.isfinite(values[:, own]).all(axis=1)] = np.nan  # to be dropped, and counted
     turns = _turns(file, layout, statements, notes)
@@ -216,8 +216,10 @@ def _stated(file: TextFile, width: int, statements: dict[str, str]) -> tuple[Col
         raise ReadError(
             file.path, f'columns= names {len(columns)} columns, but its rows have {width}'
         )
-    if not {*POSITION} <= {*roles}:
-        raise ConfigError(f'{file.path}: columns= has no position; it needs x, y and z')
+    if not any({*position} <= {*roles} for position in (POSITION, GEODETIC)):
+        raise ConfigError(
+            f'{file.path}: columns= has no position; it needs x, y and z (or lat, lon and alt)'
+        )
     return tuple([*columns, *[Column(LEFT_OUT)] * (width - len(columns))])
 
 
@@ -304,6 +306,14 @@ def _check_place(file: TextFile, columns: Sequence[Column]) -> None:
     """Check that a header names positions, and orientations wholly or not at all."""
     at = places(columns).keys()
     missing = [role for role in POSITION if role not in at]
+    if missing and {'lat', 'lon'} <= at:
+        missing = [role for role in GEODETIC if role not in at]
+        if missing:
+            raise ReadError(
+                file.path,
+                f'its header names latitude and longitude, but no altitude ({_listed(file)}); add '
+                'it: without one there are no positions in space',
+            )
     if missing:
         what = ', '.join(missing) if len(missing) < len(POSITION) else 'a position'
         raise ReadError(
@@ -339,8 +349,9 @@ def _known(file: TextFile, is_euroc: bool, notes: list[str]) -> tuple[str, list[
         raise ReadError(
             file.path, f'its columns may be {" or ".join(o.name for o in found)}; append {both}'
         )
-    if found[0].name == 't, position' and width > 3:
-        notes.append(f'{file.path}: columns are read as t x y z: positions without orientations')
+    if found[0].name.endswith('t, position') and width > 3:
+        read = found[0].name.replace(',', '').replace('position', 'x y z')
+        notes.append(f'{file.path}: columns are read as {read}: positions without orientations')
     return found[0].name, list(found[0].columns)
 
 
@@ -421,6 +432,31 @@ def _beside(times: Path, notes: list[str]) -> tuple[np.ndarray, np.ndarray]:
     return stamps_ns, np.isfinite(file.rows.values[:, used]).all(axis=1)
 
 
+def _positions(
+    file: TextFile, layout: Layout, statements: dict[str, str], notes: list[str]
+) -> np.ndarray:
+    """Return (N, 3) positions in metres, or in the unit that is stated."""
+    values = file.rows.values
+    place = layout.places(POSITION)
+    if place is None:
+        geodetic = layout.places(GEODETIC)
+        assert geodetic is not None  # every layout has one of the two
+        if 'unit' in statements:
+            raise ConfigError(f'{file.path}: unit does not apply to latitude and longitude')
+        unit = layout.columns[geodetic[0]].unit
+        return of_columns(file.path, values.take(geodetic, axis=1), unit, notes)
+    positions = values.take(place, axis=1)
+    if not {'unit', 'columns'} & statements.keys() and look_like_degrees(positions):
+        roles = dict(zip(place, GEODETIC, strict=True))
+        columns = [c._replace(role=roles.get(k, c.role)) for k, c in enumerate(layout.columns)]
+        raise ReadError(
+            file.path,
+            f'columns {_numbers(place)} look like latitude, longitude (in degrees) and altitude'
+            f'{_statement(columns)} (or lon,lat), or ?unit=m if they are metres',
+        )
+    return positions * _metres(file, layout, place, statements)
+
+
 def _metres(
     file: TextFile, layout: Layout, place: list[int], statements: dict[str, str]
 ) -> np.ndarray:
@@ -444,6 +480,14 @@ def _turns(
     """Return the ways to read the orientations of a file."""
     values = file.rows.values
     roles = next((one for one in ORIENTATIONS if layout.places(one)), None)
+    if roles and layout.places(POSITION) is None:
+        if roles == EULER:
+            notes.append(
+                f'{file.path}: roll, pitch and yaw beside latitude and longitude are left out, '
+                'since it is not known whether they count from north or from east'
+            )
+            return [_Turns('', None)]
+        notes.append(f'{file.path}: orientations are read as those in east, north, up')
     if roles is None:
         partial = [role for role in EULER if layout.places([role])]
         if partial:

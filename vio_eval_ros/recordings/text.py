@@ -161,7 +161,8 @@ def _names(header: bytes, width: int) -> tuple[str, ...] | None:
     for line in reversed(header.decode(errors='replace').splitlines()):
         names = names_in(line)
         meant = {column.role for column in named_columns(names)} - {LEFT_OUT}
-        if expanded(names, width):
+        vectors = expanded(names, width)
+        if vectors and vectors[0].role in STAMPS:  # not a sentence, such as: position of ...
             return tuple(names)
         is_bare = not line.lstrip().startswith(('#', '%')) and len(names) == width
         if (
