@@ -37,7 +37,13 @@ BODIES = {
     'position': 'x y z',
 }
 #: those that may have further columns behind them; more would be a guess with the others
-MAY_HAVE_MORE = ('matrices 4x4', 'matrices 3x4', 'position, quaternion')
+MAY_HAVE_MORE = (
+    'matrices 4x4',
+    'matrices 3x4',
+    'rotation matrix, position',
+    'position, rotation matrix',
+    'position, quaternion',
+)
 TUM = ('t', 'position, quaternion')
 TUM_NAME = 't, position, quaternion'
 MOST_FRAMES = 1e7
