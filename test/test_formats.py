@@ -2,12 +2,16 @@
 
 from pathlib import Path
 import re
+import warnings
 
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 
 from vio_eval_ros import read
 from vio_eval_ros.core import rotation
+from vio_eval_ros.errors import VioEvalError
 from vio_eval_ros.recordings.messages import CONVERTERS
 from vio_eval_ros.recordings.spec import Spec, STATEMENTS
 
@@ -20,6 +24,7 @@ RELATIVE = ('trial.csv', 'take.csv', 'run_6D.tsv', 'vehicle_odometry_0.csv')
 LOCAL = ('gnss.csv',)
 #: of which there are no orientations
 POSITIONS = ('positions.txt', 'gnss.csv')
+DAMAGED = ('', 'nan', 'inf', '1e400', '-', 'x', '1e19', '\0', ';', '"', '\r', '\xff', '9' * 25)
 
 
 def example(folder: Path, name: str):
@@ -44,6 +49,41 @@ def test_every_example_is_read_as_the_same_poses(tmp_path, name):
             *map(rotation.normalize, (found.rotations, right.rotations))
         )
         assert angles.max() < 1e-4
+
+
+@st.composite
+def damages(draw: st.DrawFn) -> str:
+    """Return an example of which some lines, cells or characters are not what they were."""
+    lines = EXAMPLES[draw(st.sampled_from(sorted(EXAMPLES)))].split('\n')
+    for _ in range(draw(st.integers(1, 3))):
+        place = draw(st.integers(0, len(lines) - 1))
+        line, cells = lines[place], lines[place].split(',')
+        cells[draw(st.integers(0, len(cells) - 1))] = draw(st.sampled_from(DAMAGED))
+        cut = draw(st.integers(0, len(line)))
+        changed = [line[:cut], ','.join(cells), line[:cut] + draw(st.sampled_from(DAMAGED)), '']
+        changed.append(lines[draw(st.integers(0, len(lines) - 1))])
+        lines[place] = draw(st.sampled_from(changed))
+    return '\n'.join(lines)
+
+
+@pytest.mark.slow
+def test_a_damaged_example_is_read_or_an_error_of_one_line(tmp_path):
+    (tmp_path / TIMES).write_text(EXAMPLES[TIMES])
+
+    @settings(max_examples=300, derandomize=True, deadline=None, database=None)
+    @given(text=damages(), has_times=st.booleans())
+    def check(text: str, has_times: bool) -> None:
+        (tmp_path / 'damaged.csv').write_bytes(text.encode())
+        with warnings.catch_warnings():
+            warnings.simplefilter('error')
+            try:
+                read(tmp_path / 'damaged.csv', times=tmp_path / TIMES if has_times else None)
+                said = ''
+            except VioEvalError as error:
+                said = str(error)
+        assert '\n' not in said
+
+    check()
 
 
 def test_there_is_an_example_of_every_layout():

@@ -555,6 +555,7 @@ def _from_angles(
 ) -> list[_Turns]:
     """Return the ways to read roll, pitch and yaw, or a rotation vector."""
     angles = take(file.rows.values, columns)
+    angles = np.where(np.isfinite(angles), angles, np.nan)  # the sine of inf is none
     unit = layout.columns[columns[0]].unit
     if unit not in ('rad', 'deg', None):
         raise ReadError(
