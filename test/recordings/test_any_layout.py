@@ -14,7 +14,7 @@ import re
 from typing import Any
 import warnings
 
-from hypothesis import event, given, HealthCheck, settings
+from hypothesis import assume, event, given, HealthCheck, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -230,7 +230,22 @@ def is_equal(found: float | None, right: float | None) -> bool:
     return abs(found - right) <= TOLERANCE * max(1.0, abs(right))
 
 
-def outcome(path: Path, text: Text, motion: Motion, is_estimate: bool) -> tuple[str, str]:
+def statement(text: Text) -> str:
+    """Return what says of each column what it is."""
+    angle = 'deg' if text.degrees else 'rad'
+    units = dict.fromkeys(POSITION, text.length) | dict.fromkeys((*EULER, *VECTOR), angle)
+    units['t'] = text.stamps
+    meant = ('sec', 'nsec', 't', *POSITION, *text.kind)
+    columns = [
+        '_' if role not in meant else f'{role}_{units[role]}' if role in units else role
+        for role in text.order
+    ]
+    return '?columns=' + ','.join(columns)
+
+
+def outcome(
+    path: Path, text: Text, motion: Motion, is_estimate: bool, stated: str = ''
+) -> tuple[str, str]:
     """Return what came of a file: 'refused', 'warned', 'right' or 'wrong', and the details."""
     sides = {'estimate': motion.estimate, 'ground_truth': motion.truth}
     written = 'estimate' if is_estimate else 'ground_truth'
@@ -243,7 +258,7 @@ def outcome(path: Path, text: Text, motion: Motion, is_estimate: bool) -> tuple[
     try:
         with warnings.catch_warnings():
             warnings.simplefilter('error')
-            result = evaluate(**poses | {written: str(path)})
+            result = evaluate(**poses | {written: f'{path}{stated}'})
     except VioEvalError as error:
         return 'refused', str(error)
     pairs = figures(result), figures(right)
@@ -259,25 +274,40 @@ def outcome(path: Path, text: Text, motion: Motion, is_estimate: bool) -> tuple[
     return ('warned', told[0]) if told else ('wrong', f'{wrong} {further}')
 
 
+SEARCH = settings(
+    max_examples=EXAMPLES,
+    derandomize=True,
+    deadline=None,
+    database=None,
+    suppress_health_check=list(HealthCheck),
+)
+MOTIONS = {
+    'seed': st.integers(0, 9),
+    'start_s': st.sampled_from([1_700_000_000, 1_700_000_000, 100, 0]),
+    'turns': st.sampled_from([1.0, 1.0, 0.3, 0.05]),
+}
+
+
+@pytest.mark.slow
+def test_any_layout_that_is_stated_is_read_right(tmp_path):
+    @settings(SEARCH, max_examples=EXAMPLES // 3)
+    @given(text=texts(), is_estimate=st.booleans(), **MOTIONS)
+    def check(text: Text, is_estimate: bool, seed: int, start_s: int, turns: float) -> None:
+        assume(text.stamps != 'none')
+        path, motion = tmp_path / 'poses.txt', Motion.of(seed, start_s, turns)
+        what, details = outcome(path, text, motion, is_estimate, statement(text))
+        assert what == 'right', f'{details}\n{statement(text)}\n{path.read_bytes()[:400]!r}'
+
+    check()
+
+
 @pytest.mark.slow
 def test_any_layout_is_read_right_or_not_in_silence(tmp_path):
     counts: dict[str, int] = {}
 
-    @settings(
-        max_examples=EXAMPLES,
-        derandomize=True,
-        deadline=None,
-        database=None,
-        suppress_health_check=list(HealthCheck),
-    )
-    @given(
-        text=texts(),
-        seed=st.integers(0, 9),
-        start_s=st.sampled_from([1_700_000_000, 1_700_000_000, 100, 0]),
-        turns=st.sampled_from([1.0, 1.0, 0.3, 0.05]),
-        is_estimate=st.booleans(),
-    )
-    def check(text: Text, seed: int, start_s: int, turns: float, is_estimate: bool) -> None:
+    @SEARCH
+    @given(text=texts(), is_estimate=st.booleans(), **MOTIONS)
+    def check(text: Text, is_estimate: bool, seed: int, start_s: int, turns: float) -> None:
         path = tmp_path / 'poses.txt'
         what, details = outcome(path, text, Motion.of(seed, start_s, turns), is_estimate)
         counts[what] = counts.get(what, 0) + 1
