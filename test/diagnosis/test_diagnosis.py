@@ -658,7 +658,7 @@ def test_rotations_that_never_change_stand_for_none():
     found = diagnose(ESTIMATE, constant, CONFIG)
     assert found.findings['position_only']
     assert names(found) == []
-    assert {'sensor_rotation', 'lever_arm'} <= set(found.cannot_tell)
+    assert {'sensor_rotation', 'yaw_drift'} <= set(found.cannot_tell)
 
 
 def test_an_offset_of_the_orientations_alone_is_not_named():
