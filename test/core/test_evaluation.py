@@ -89,6 +89,28 @@ def assert_close(found, expected, relative, absolute, but=()):
         }
     ),
 )
+def test_how_poses_lie_in_memory_does_not_show_in_the_last_bit():
+    stamps = TODAY_NS + 50 * MS * np.arange(500)
+    rng = np.random.default_rng(3)
+    walk = Poses(stamps, rng.normal(size=(500, 3)).cumsum(axis=0), rng.normal(size=(500, 4)))
+    truth = replace(walk, positions=walk.positions + rng.normal(size=(500, 3)))
+
+    def metrics(rearranged):
+        evaluation = Evaluation(EvaluationConfig())
+        for add, poses in (
+            (evaluation.add_ground_truth, truth),
+            (evaluation.add_estimate, walk),
+        ):
+            columns = (rearranged(poses.positions), rearranged(poses.rotations))
+            add(Poses(poses.stamps_ns, *columns))
+        evaluation.flush()
+        return repr(evaluation.summary().metrics)
+
+    by_rows = metrics(np.ascontiguousarray)
+    assert metrics(np.asfortranarray) == by_rows
+    assert metrics(lambda array: np.repeat(array, 2, axis=1)[:, ::2]) == by_rows
+
+
 def test_the_summary_is_the_same_to_the_last_bit_however_poses_arrive(
     wandering, est_steps, gt_steps, deliveries, options
 ):

@@ -89,8 +89,7 @@ def clean(
     if poses.zero_is_unset:
         counts.zero_stamp += int(np.count_nonzero(keep & (poses.stamps_ns == 0)))
         keep &= poses.stamps_ns != 0
-    if not keep.all():
-        poses = poses[keep]
+    poses = _contiguous(poses if keep.all() else poses[keep])
     rotations = poses.rotations
     if rotations is not None:
         norms = rotation.lengths(rotations)
@@ -104,6 +103,12 @@ def clean(
         rotations = poses.rotations / norms[:, None]  # type: ignore[operator]
     trajectory = Trajectory(poses.stamps_ns, poses.positions, rotations, poses.covariances)
     return _in_order(trajectory, counts, newest_ns)
+
+
+def _contiguous(poses: Poses) -> Poses:
+    """Return the poses row by row in memory: in another layout, sums differ in the last bit."""
+    rotations = None if poses.rotations is None else np.ascontiguousarray(poses.rotations)
+    return replace(poses, positions=np.ascontiguousarray(poses.positions), rotations=rotations)
 
 
 def _in_order(poses: Trajectory, counts: Cleaning, newest_ns: int | None) -> Trajectory:
