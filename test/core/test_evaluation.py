@@ -74,21 +74,6 @@ def assert_close(found, expected, relative, absolute, but=()):
 # However poses arrive
 
 
-@pytest.mark.slow
-@given(
-    STEPS,
-    STEPS,
-    DELIVERIES,
-    st.fixed_dictionaries(
-        {
-            'association': st.sampled_from(['nearest', 'interpolate']),
-            'time_offset_s': st.sampled_from([0.0, 0.012]),
-            'end_s': st.sampled_from([0.3, math.inf]),
-            'rpe_pairs': st.sampled_from(RPE_PAIRS),
-            'alignment': st.sampled_from(ALIGNMENTS),
-        }
-    ),
-)
 def test_how_poses_lie_in_memory_does_not_show_in_the_last_bit():
     stamps = TODAY_NS + 50 * MS * np.arange(500)
     rng = np.random.default_rng(3)
@@ -111,6 +96,21 @@ def test_how_poses_lie_in_memory_does_not_show_in_the_last_bit():
     assert metrics(lambda array: np.repeat(array, 2, axis=1)[:, ::2]) == by_rows
 
 
+@pytest.mark.slow
+@given(
+    STEPS,
+    STEPS,
+    DELIVERIES,
+    st.fixed_dictionaries(
+        {
+            'association': st.sampled_from(['nearest', 'interpolate']),
+            'time_offset_s': st.sampled_from([0.0, 0.012]),
+            'end_s': st.sampled_from([0.3, math.inf]),
+            'rpe_pairs': st.sampled_from(RPE_PAIRS),
+            'alignment': st.sampled_from(ALIGNMENTS),
+        }
+    ),
+)
 def test_the_summary_is_the_same_to_the_last_bit_however_poses_arrive(
     wandering, est_steps, gt_steps, deliveries, options
 ):
