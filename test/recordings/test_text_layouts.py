@@ -12,7 +12,7 @@ from vio_eval_ros.core import rotation
 from vio_eval_ros.core.rotation import angle_between
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings.headerless import BODIES
-from vio_eval_ros.recordings.orientations import from_euler
+from vio_eval_ros.recordings.rotation_columns import from_euler
 from vio_eval_ros.recordings.sources import read_sources, Source
 
 COUNT = 60
@@ -130,7 +130,7 @@ def test_names_are_understood_as_people_write_them(path, spelled, stamp, before,
     path.write_text(before + separator.join(names) + '\n' + table(columns, separator))
     source = read(path)
     check(source)
-    assert source.readings == ()
+    assert not source.readings or source.readings[0].usual
 
 
 @pytest.mark.parametrize(
@@ -503,6 +503,26 @@ def test_two_decimals_are_enough_for_a_quaternion(path):
     cells = {k: [f'{float(v):.2f}' for v in CELLS[k]] for k in TUM[4:]}
     path.write_text(table(TUM, ' ', {**CELLS, **cells}))
     assert len(read(path)) == COUNT
+
+
+@pytest.mark.parametrize('stamp', ['t', 't_ns', 'sec nsec', 'frame t'])
+def test_matrices_that_are_written_column_by_column_are_read_so(path, stamp):
+    columns = [MATRIX[k + 4 * row] for k in range(3) for row in range(3)]
+    cells = [*columns[:3], '0', *columns[3:6], '0', *columns[6:], '0', 'x', 'y', 'z', 'one']
+    path.write_text(table([*stamp.split(), *cells]))
+    source = read(path)
+    check(source)
+    assert 'column by column' in ' '.join(source.warnings)
+
+
+@pytest.mark.parametrize(
+    'below', [['0', '0', '0', '0'], ['one', '0', '0', '0'], ['x', '0', '0', 'one']]
+)
+@pytest.mark.parametrize('stamp', ['t', 'sec nsec'])
+def test_a_matrix_whose_last_row_is_not_one_is_refused(path, stamp, below):
+    path.write_text(table([*stamp.split(), *MATRIX, *below]))
+    with pytest.raises(ReadError, match=r'a matrix 4x4, but its last row is not 0 0 0 1'):
+        read(path)
 
 
 def test_the_scale_of_a_similarity_is_taken_out_of_its_rotations(path, times):

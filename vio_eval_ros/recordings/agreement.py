@@ -321,7 +321,7 @@ def _check_usual(sides: Sides, relations: dict[Choice, _Relation]) -> None:
                 raise ReadError(
                     side.spec,
                     f'its orientations do not fit those of the {NAMES[1 - k]}, unless one side '
-                    'has another order of quaternions; write '
+                    'is read otherwise; write '
                     f'{with_statement(side, side.readings[choice[k]].statement)}, or state both',
                 )
 
@@ -353,14 +353,19 @@ def _doubt(side: Source, choice: Choice, k: int, *, relations: dict[Choice, _Rel
     return ''
 
 
+def _open(side: Source) -> str:
+    """Return what is open of a side, in words."""
+    orders = all(way.statement.startswith('quaternion=') for way in side.readings)
+    return 'the order of its quaternions' if orders else 'the meaning of its angles'
+
+
 def _undecided(side: Source, other: str, *, comparable: bool) -> str:
     """Return what is open of a side; ``ReadError`` where orientations would be compared."""
     specs = ' or '.join(with_statement(side, way.statement) for way in side.readings)
     if comparable:
         raise ReadError(
             side.spec,
-            f'the order of its quaternions is open, and the {other} does not settle it; write '
-            f'{specs}',
+            f'{_open(side)} is open, and the {other} does not settle it; write {specs}',
         )
     return (
         f'{side.spec}: read with {side.readings[0].statement}, which nothing here confirms; to '

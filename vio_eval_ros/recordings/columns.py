@@ -8,6 +8,7 @@ headers use the synonyms of :data:`SYNONYMS`.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 import re
 from typing import NamedTuple
 
@@ -21,7 +22,29 @@ OPEN_QUATERNION = ('q1', 'q2', 'q3', 'q4')
 #: fixed axes, as in ROS: R = Rz(yaw) Ry(pitch) Rx(roll)
 EULER = ('roll', 'pitch', 'yaw')
 ROTATION_VECTOR = ('rx', 'ry', 'rz')
+#: a quaternion that is counted from 0, w first as a rule
+COUNTED_QUATERNION = ('q_0', 'q_1', 'q_2', 'q_3')
+#: three angles that may be roll, pitch and yaw, or a rotation vector
+OPEN_TURN = ('turn_x', 'turn_y', 'turn_z')
 MATRIX = tuple(f'r{i}{j}' for i in '123' for j in '123')
+#: the columns of each way to write an orientation, the ones that say most first
+ORIENTATIONS = (
+    QUATERNION,
+    OPEN_QUATERNION,
+    COUNTED_QUATERNION,
+    MATRIX,
+    EULER,
+    ROTATION_VECTOR,
+    OPEN_TURN,
+)
+#: what is stated of columns whose names leave something open
+USUAL = dict(
+    zip(
+        (*OPEN_QUATERNION, *COUNTED_QUATERNION, *OPEN_TURN),
+        (*QUATERNION, 'qw', 'qx', 'qy', 'qz', *ROTATION_VECTOR),
+        strict=True,
+    )
+)
 UPPER = ('11', '12', '13', '22', '23', '33')
 #: covariances as ov_eval writes them: of the position, and of the orientation about body axes
 POSITION_COVARIANCE = tuple(f'pt{cell}' for cell in UPPER)
@@ -92,13 +115,14 @@ SYNONYMS: dict[str, str] = {
     rf'{_FIX}(?:lon|long|lng|longitude){_ANGLE}': 'lon',
     rf'{_FIX}(?:alt|altitude|height|hgt|elevation|ellipsoidal_height|h_ell)(?:_m)?': 'alt',
     rf'{_TURN}_?([xyzw])': 'q{0}',
-    rf'{_TURN}_0?0': 'qw',
-    rf'{_TURN}_0?1': 'qx',
-    rf'{_TURN}_0?2': 'qy',
-    rf'{_TURN}_0?3': 'qz',
-    rf'{_TURN}_0?4': 'q4',
+    rf'{_TURN}_?0?([0-4])': 'q_{0}',
+    rf'{_TURN}_?(?:w|r|re|real|s|scalar)': 'qw',
+    rf'{_TURN}_?(?:i|im_i|imag_i)': 'qx',
+    rf'{_TURN}_?(?:j|im_j|imag_j)': 'qy',
+    rf'{_TURN}_?(?:k|im_k|imag_k)': 'qz',
     rf'(?:euler_|rpy_|ang_|angle_|orientation_|rotation_|rot_)?(roll|pitch|yaw){_ANGLE}': '{0}',
     rf'(?:rvec|rotvec|rotation_vector|axis_angle|helical|rodrigues)_?([xyz]){_ANGLE}': 'r{0}',
+    rf'(?:r|angles?|ang|euler|rpy)_?([xyz]){_ANGLE}': 'turn_{0}',
     r'(?:r|rot|rotation|m|mat|matrix|t|h)_?([0-4])_?([0-4])': 'r{0}{1}',
     r'p([rt])_([123])_?([123])': 'p{0}{1}{2}',
     r'covariance_(\d|[12]\d|3[0-5])': 'cov{0}',
@@ -111,6 +135,8 @@ VECTORS = {
 }
 #: names that only logs of PX4 have, whose stamps are microseconds
 PX4_NAMES = frozenset(('q[0]', 'timestamp_sample'))
+#: ... and whose quaternions have w first
+_CLOSED = dict(zip(COUNTED_QUATERNION, ('qw', 'qx', 'qy', 'qz'), strict=True))
 # OpenVINS writes JPL quaternions from world to body: as Hamilton ones they are body to world.
 OPENVINS = ('q', 'p', 'v', 'bg', 'ba')
 
@@ -125,6 +151,36 @@ class Column(NamedTuple):
 
     role: str
     unit: str | None = None
+
+
+def places(columns: Sequence[Column]) -> dict[str, int]:
+    """Return the column of each role."""
+    return {column.role: place for place, column in enumerate(columns)}
+
+
+@dataclass(frozen=True)
+class Layout:
+    """
+    What each column of a file is.
+
+    :param source: what says so, for messages: 'its header' for example.
+    :param columns: as many as the file has.
+    :param is_euroc: whether the file is EuRoC's by its name or header.
+    """
+
+    source: str
+    columns: tuple[Column, ...]
+    is_euroc: bool
+
+    def places(self, roles: Sequence[str]) -> list[int] | None:
+        """Return the columns of some roles, or None where one of them is missing."""
+        at = places(self.columns)
+        return [at[role] for role in roles] if at.keys() >= set(roles) else None
+
+    @property
+    def has_stamps(self) -> bool:
+        """Whether there is a stamp in each row."""
+        return bool(places(self.columns).keys() & set(STAMPS))
 
 
 def stated_columns(text: str) -> list[Column]:
@@ -165,6 +221,10 @@ def named_columns(names: Sequence[str]) -> list[Column]:
             columns[place] = Column(LEFT_OUT)
         elif PX4_NAMES.intersection(names) and column.unit is None:
             columns[place] = column._replace(unit='us')
+    if PX4_NAMES.intersection(names):
+        columns = [
+            column._replace(role=_CLOSED.get(column.role, column.role)) for column in columns
+        ]
     return columns
 
 
@@ -184,8 +244,8 @@ def _rank(text: str) -> int:
 def _index_from_one(columns: list[Column]) -> None:
     """Give matrices and quaternions whose cells count otherwise the roles that they have."""
     roles = {column.role for column in columns}
-    if 'q4' in roles:  # q1 to q4: no saying whether w is first or last
-        order = dict(zip(('qx', 'qy', 'qz'), OPEN_QUATERNION, strict=False))
+    if 'q_4' in roles:  # q1 to q4: no saying whether w is first or last
+        order = dict(zip((*COUNTED_QUATERNION[1:], 'q_4'), OPEN_QUATERNION, strict=True))
         columns[:] = [Column(order.get(role, role), unit) for role, unit in columns]
     cells = [re.fullmatch(r'r(\d)(\d)', role) for role in roles]
     base = 0 if any(cell and '0' in cell[0] for cell in cells) else 1

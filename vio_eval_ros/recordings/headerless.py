@@ -19,7 +19,7 @@ from vio_eval_ros.recordings.columns import (
     POSITION_COVARIANCE,
     QUATERNION,
 )
-from vio_eval_ros.recordings.orientations import are_unit, Matrices, share_of_unit, take
+from vio_eval_ros.recordings.rotation_columns import are_unit, Matrices, share_of_unit, take
 from vio_eval_ros.recordings.stamp_columns import EARLIEST_S, has_fractions
 from vio_eval_ros.recordings.text import TextFile
 
@@ -29,6 +29,7 @@ STAMPS_FIRST = ('t', 'sec nsec', 'frame t', 'frame sec nsec', 'frame', '')
 #: The poses, those of which the values say most first. `q1 q2 q3 q4` has w last or first.
 BODIES = {
     'matrices 4x4': 'r11 r12 r13 x r21 r22 r23 y r31 r32 r33 z _ _ _ _',
+    'matrices 4x4 by columns': 'r11 r21 r31 _ r12 r22 r32 _ r13 r23 r33 _ x y z _',
     'matrices 3x4': 'r11 r12 r13 x r21 r22 r23 y r31 r32 r33 z',
     'rotation matrix, position': 'r11 r12 r13 r21 r22 r23 r31 r32 r33 x y z',
     'position, rotation matrix': 'x y z r11 r12 r13 r21 r22 r23 r31 r32 r33',
@@ -39,6 +40,7 @@ BODIES = {
 #: those that may have further columns behind them; more would be a guess with the others
 MAY_HAVE_MORE = (
     'matrices 4x4',
+    'matrices 4x4 by columns',
     'matrices 3x4',
     'rotation matrix, position',
     'position, rotation matrix',
@@ -54,6 +56,7 @@ NSEC = 1_000_000_000
 #: nanoseconds have larger ones among them; what has not is another unit, or a flag
 LEAST_NSEC = 1_000_000
 VINS_COLUMNS = (8, 11)  # without and with velocities
+CELLS = 16  # of a matrix 4x4
 OV_EVAL_COLUMNS = 20
 #: numbers that ros2 topic echo --csv prints of messages with a covariance: its place, all of them
 ECHOED = {'PoseWithCovarianceStamped': 9 + 36, 'Odometry': 9 + 36 + 6 + 36}
@@ -135,6 +138,8 @@ def _found(file: TextFile, used: list[int]) -> list[tuple[str, str]]:
             begin = len(first.split())
             more = len(used) - begin - size
             has_place = more == 0 or (more > 0 and first and name in MAY_HAVE_MORE)
+            if name == 'matrices 3x4' and more == 4:  # a matrix 4x4 whose last row is not one
+                continue
             body = used[begin : begin + size]
             if has_place and _is_first(file, first, used, name) and _is_body(file, name, body):
                 fitting.append((first, name))
@@ -195,12 +200,29 @@ def _is_body(file: TextFile, name: str, columns: list[int]) -> bool:
         return are_unit(take(values, columns[roles.index('q1') :][:4]))
     cells = [columns[k] for k, role in enumerate(roles) if role.startswith('r')]
     found = Matrices.of(values[:, cells].reshape(-1, 3, 3))
-    if name == 'matrices 4x4':
-        below = values[:, columns[12:]]
-        rows = np.isfinite(below).all(axis=1)
-        if not np.array_equal(below[rows], np.tile([0, 0, 0, 1], (rows.sum(), 1))):
-            return False
+    if LEFT_OUT in roles and not _is_last_row(values[:, columns], roles):
+        return False
     return found.are_rotations
+
+
+def _is_last_row(values: np.ndarray, roles: list[str]) -> bool:
+    """Return whether what a 4x4 matrix has in its last row is 0 0 0 1."""
+    below = values[:, [k for k, role in enumerate(roles) if role == LEFT_OUT]]
+    below = below[np.isfinite(below).all(axis=1)]
+    return bool((below == [0, 0, 0, 1]).all())
+
+
+def why_not_matrices(file: TextFile) -> str:
+    """Return why 16 columns are not read as matrices, though their rotations are; else ''."""
+    used = used_columns(file)
+    for begin in (0, 1, 2):
+        body = used[begin:]
+        if len(body) == CELLS and _is_body(file, 'matrices 3x4', body[:12]):
+            return (
+                f'columns {body[0] + 1} to {body[-1] + 1} look like a matrix 4x4, but its last '
+                'row is not 0 0 0 1; '
+            )
+    return ''
 
 
 def _rise(values: np.ndarray) -> bool:

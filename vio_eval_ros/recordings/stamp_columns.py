@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from vio_eval_ros.errors import ConfigError, ReadError
-from vio_eval_ros.recordings.columns import Column, TIMES
+from vio_eval_ros.recordings.columns import Column, places, TIMES
 from vio_eval_ros.recordings.rows import Decimals, LATEST_NS, per_second, POWERS, STAMP_UNITS
 from vio_eval_ros.recordings.stamps import padded
 from vio_eval_ros.recordings.text import TextFile
@@ -16,11 +16,6 @@ from vio_eval_ros.recordings.text import TextFile
 EARLIEST_S = 1e8
 #: between poses; longer ones are counted in a smaller unit
 LONGEST_STEP_S = 30.0
-
-
-def places(columns: Sequence[Column]) -> dict[str, int]:
-    """Return the column of each role."""
-    return {column.role: place for place, column in enumerate(columns)}
 
 
 def read_stamps(

@@ -19,6 +19,10 @@ LEAST_SHARE = 0.99
 #: how far the length of a quaternion, or of a row of a matrix, may be from 1: two decimals suffice
 TOLERANCE = 0.015
 MIN_SCALE = 1e-6
+#: a pitch [rad] is not larger, with some room for rounding
+QUARTER_RAD = 1.05 * np.pi / 2
+#: of a turn, the least jump of an angle that begins anew
+WRAPPED = 0.9
 
 
 def take(values: np.ndarray, columns: Sequence[int]) -> np.ndarray:
@@ -99,3 +103,20 @@ def from_euler(angles: np.ndarray) -> np.ndarray:
     """
     turns = [rotation.from_rotation_vector(angles[:, k : k + 1] * np.eye(3)[k]) for k in range(3)]
     return rotation.multiply(turns[2], rotation.multiply(turns[1], turns[0]))
+
+
+def unit_of_angles(angles: np.ndarray) -> str | None:
+    """
+    Return the unit of (N, 3) roll, pitch and yaw where their range shows it: 'deg' or 'rad'.
+
+    Angles that begin anew jump by a whole turn, and a pitch is not beyond a quarter of one. Large
+    angles alone show nothing: they may count turns.
+    """
+    known = angles[np.isfinite(angles).all(axis=1)]
+    if not len(known):
+        return None
+    for unit, turn in (('deg', 360.0), ('rad', 2 * np.pi)):
+        jumps = np.abs(np.diff(known, axis=0)) > WRAPPED * turn
+        if jumps.any() and (np.ptp(known, axis=0) <= 1.001 * turn).all():
+            return unit
+    return 'deg' if np.abs(known[:, 1]).max() > QUARTER_RAD else None

@@ -1,0 +1,58 @@
+"""How to state the columns of a file, for messages: what to append to its path."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from vio_eval_ros.recordings.columns import Column, LEFT_OUT, POSITION, QUATERNION, ROLES, USUAL
+from vio_eval_ros.recordings.headerless import unit_windows, used_columns
+from vio_eval_ros.recordings.text import TextFile
+
+CONVENTION = 't,x,y,z,qx,qy,qz,qw'
+MOST_LISTED = 12
+
+
+def listed(file: TextFile) -> str:
+    """Return the names in a header, not too many of them."""
+    names = [name or "''" for name in file.names or ()]
+    return ', '.join(names[:MOST_LISTED]) + ', ...' * (len(names) > MOST_LISTED)
+
+
+def numbers(columns: Sequence[int]) -> str:
+    return ' '.join(str(column + 1) for column in columns)
+
+
+def statement_of(columns: Sequence[Column], left_out: int | None = None) -> str:
+    """Return how to state columns, without one of them."""
+    roles = [USUAL.get(column.role, column.role) for column in columns]
+    if left_out is not None:
+        roles[left_out] = LEFT_OUT
+    text = ','.join(
+        f'{role}_{column.unit}' if column.unit and column.unit in ROLES.get(role, ()) else role
+        for role, column in zip(roles, columns, strict=True)
+    )
+    return f': append ?columns={text.rstrip(f",{LEFT_OUT}")}'
+
+
+def advice(file: TextFile) -> str:
+    """Return what to state of columns that are not recognised, by what their values may be."""
+    windows = unit_windows(file)
+    used = used_columns(file)
+    for window in windows:
+        columns = [Column(LEFT_OUT)] * file.rows.values.shape[1]
+        others = [k for k in used if k not in window]
+        before = [k for k in others[1:] if k < window[0]][-3:]
+        place = before if len(before) == 3 else [k for k in others[1:] if k > window[0]][:3]
+        if len(place) < 3:
+            continue
+        roles = zip([others[0], *place, *window], ('t', *POSITION, *QUATERNION), strict=True)
+        for k, role in roles:
+            columns[k] = Column(role)
+        return (
+            f'; columns {numbers(window)} have unit length, as a quaternion has'
+            f'{statement_of(columns)} (or qw,qx,qy,qz in place of qx,qy,qz,qw)'
+        )
+    return (
+        f'; say what each column is, such as ?columns={CONVENTION} (roll,pitch,yaw and r11 to '
+        'r33 are known, too; _ for a column to leave out)'
+    )
