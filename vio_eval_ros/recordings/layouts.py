@@ -20,6 +20,7 @@ from vio_eval_ros.core import rotation
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings.advice import advice, listed, numbers, statement_of
+from vio_eval_ros.recordings.bodies import of_one_body
 from vio_eval_ros.recordings.columns import (
     Column,
     COUNTED_QUATERNION,
@@ -89,11 +90,8 @@ def poses_of(
     if file.export is not None:
         poses = poses_of_export(file.path, file.export, file.rows.values, statements, notes)
         return 'motion capture', [Reading('', poses)]
-    if 'body' in statements:
-        raise ConfigError(
-            f'{file.path}: body chooses one in an export of motion capture, which this is not'
-        )
     layout = _layout(file, times, statements, notes)
+    file = of_one_body(file, layout, statements)
     stamps_ns = _stamps(file, layout, times, statements, notes)
     values = file.rows.values
     positions = _positions(file, layout, statements, notes)

@@ -7,7 +7,7 @@ Headers, comments, byte order marks and any line ends are read. What the columns
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 import re
@@ -41,6 +41,7 @@ class TextFile:
     :param names: of its columns, units in brackets behind them; None where nothing tells them.
     :param export: what the preamble of a motion capture system says of its columns.
     :param text: the columns that hold no numbers; there, the values of ``rows`` are NaN.
+    :param words: what those hold, (N,) bytes each.
     :param blank: the columns that hold nothing in the first rows.
     :param notes: what was taken for granted, in sentences.
     """
@@ -53,6 +54,7 @@ class TextFile:
     names: tuple[str, ...] | None = None
     export: Export | None = None
     text: tuple[int, ...] = ()
+    words: dict[int, np.ndarray] = field(default_factory=dict)
     blank: tuple[int, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -83,7 +85,7 @@ def read_text(
     names = _names(header, len(_cells(first[0], separator)) if first else 0)
     if stamps is None:
         stamps = _stamp_columns(names, first, separator, (*text, *blank))
-    rows = _rows(path, data, start, progress, _Parser(separator, text, stamps))
+    rows, words = _rows(path, data, start, progress, _Parser(separator, text, stamps))
     has_end = bool(first) and first[0].endswith(separator.encode())
     return TextFile(
         path=path,
@@ -94,6 +96,7 @@ def read_text(
         names=names,
         export=export,
         text=text,
+        words=words,
         blank=blank,
         notes=notes,
     )
@@ -194,37 +197,50 @@ class _Parser(NamedTuple):
     text: tuple[int, ...]
     stamps: tuple[int, ...]
 
-    def parse(self, block: bytes, width: int) -> Rows | None:
-        """Return the rows of a block, NaN in the columns of text."""
+    def parse(self, block: bytes, width: int) -> tuple[Rows | None, list[np.ndarray]]:
+        """Return the rows of a block, NaN in the columns of text, and the words there."""
+        words = []
         if self.text:
             block = re.sub(rb'(?m)^[ \t]*[#%][^\n]*', b'', block)
             inside = rb'\S' if self.separator == ' ' else rb'[^%s\n]' % self.separator.encode()
             between = rb'[ ]+' if self.separator == ' ' else self.separator.encode()
             for column in self.text:
                 before = rb'(?m)^([ ]*(?:%s*%s){%d})' % (inside, between, column)
-                block = re.sub(before + rb'%s+' % inside, rb'\1nan', block)
-        return parse(block, width, self.stamps)
+                cell = re.compile(before + rb'(%s+)' % inside)
+                words.append(np.array([word for _, word in cell.findall(block)], bytes))
+                block = cell.sub(rb'\1nan', block)
+        return parse(block, width, self.stamps), words
 
 
-def _rows(path: Path, data: bytes, start: int, progress: Progress, parser: _Parser) -> Rows:
-    """Return the numbers from ``start`` on."""
+def _rows(
+    path: Path, data: bytes, start: int, progress: Progress, parser: _Parser
+) -> tuple[Rows, dict[int, np.ndarray]]:
+    """Return the numbers from ``start`` on, and the words in columns of text."""
     cuts = [start]
     while cuts[-1] < len(data):
         cuts.append(data.find(b'\n', cuts[-1] + BLOCK_BYTES) + 1 or len(data))
-    parts, width = [], 0
+    parts, words, width = [], [], 0
     for begin, end in progress(pairwise(cuts), len(cuts) - 1):
         block = data[begin:end]
         try:
-            rows = parser.parse(block, width)
+            rows, in_block = parser.parse(block, width)
         except BadRow as bad:
             line = data.count(b'\n', 0, begin) + bad.line
             raise ReadError(path, f'line {line}: {bad.problem}') from None
         if rows is not None:
             parts.append(rows)
+            words.append(in_block)
             width = rows.values.shape[1]
     if not parts:
         raise ReadError(path, 'the file has no rows of numbers')
-    return parts[0] if len(parts) == 1 else _joined(parts)
+    count = sum(len(part.values) for part in parts)
+    found = {
+        k: np.concatenate(each)
+        for k, each in zip(parser.text, zip(*words, strict=True), strict=False)
+    }
+    # a cell without a word in it has none here either
+    found = {k: each for k, each in found.items() if len(each) == count}
+    return parts[0] if len(parts) == 1 else _joined(parts), found
 
 
 def _joined(parts: list[Rows]) -> Rows:
