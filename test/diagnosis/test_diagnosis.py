@@ -600,6 +600,20 @@ def test_a_handful_of_poses_is_refused():
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize('every_kth', [200, 400, 600])
+def test_the_error_beside_a_sparse_truth_is_that_at_its_poses(every_kth):
+    sparse = diagnose(ESTIMATE, TRUTH[::every_kth], CONFIG)
+    assert names(sparse) == []
+    if len(TRUTH[::every_kth]) > 20:
+        dense_m, sparse_m = (each.errors_before['ATE [m]'] for each in (HEALTHY, sparse))
+        assert sparse_m == pytest.approx(dense_m, rel=0.05)
+
+
+def test_an_estimate_that_is_out_of_proportion_from_the_beginning_has_not_left():
+    far = replace(ESTIMATE, positions=1e8 * (ESTIMATE.positions + 1e3))
+    assert 'diverged' not in names(diagnosis_of(far))
+
+
 @pytest.mark.parametrize('rate_hz', [10, 20, 50, 200])
 def test_an_offset_is_as_exact_against_a_slow_truth(rate_hz):
     every_kth = TRUTH[:: 200 // rate_hz]

@@ -27,6 +27,8 @@ ATE = 'ATE [m]'
 FEWEST_POSES = 20
 #: smaller errors, in m or deg, cannot be reduced
 SMALLEST_ERROR = 1e-6
+#: a curve through true poses that are further apart misses the motion between them
+LONGEST_CURVE_S = 0.25
 #: stamps are kept within so many durations of nine tenths of the run
 STAMP_REACH = 10
 
@@ -106,9 +108,17 @@ class DiagnosedRun:
         corrected = corrected[self.true_poses.inside(corrected.stamps_ns)]
         return Pairs.of(corrected, self.true_poses.at(corrected.stamps_ns))
 
+    def compared(self, correction: Correction) -> Pairs:
+        """Return the pairs, or where true poses are far apart, the estimate at their stamps."""
+        if self.true_poses.interval_s < LONGEST_CURVE_S or len(self.estimate) < len(self.truth):
+            return self.pairs(correction)
+        estimated = Interpolator(correction.apply(self.estimate), self.config.max_gap_s)
+        truth = self.truth[estimated.inside(self.truth.stamps_ns)]
+        return Pairs.of(estimated.at(truth.stamps_ns), truth)
+
     def errors(self, correction: Correction) -> dict[str, float]:
         """Return the root mean square of every kind of error that undoing a cause may reduce."""
-        pairs = self.pairs(correction)
+        pairs = self.compared(correction)
         if len(pairs) < FEWEST_POSES:
             return {}
         moments = Moments.of(pairs)

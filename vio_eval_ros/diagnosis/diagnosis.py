@@ -316,7 +316,8 @@ def _is_unexplained(run: DiagnosedRun, scale: float) -> bool:
         return False
     path = pairs.ground_truth.positions
     spread_m = root_mean_square(lengths(path - path.mean(axis=0)))
-    return run.errors(SCALE.undone(nothing, scale))[ATE] > UNEXPLAINED_ATE_RATIO * spread_m
+    ate_m = run.errors(SCALE.undone(nothing, scale)).get(ATE, math.nan)
+    return ate_m > UNEXPLAINED_ATE_RATIO * spread_m
 
 
 def _unexplained(run: DiagnosedRun, limits: DiagnosisLimits) -> Cause:

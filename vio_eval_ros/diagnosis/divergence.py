@@ -21,8 +21,8 @@ def blown_up_from(estimate: np.ndarray, truth: np.ndarray) -> int | None:
     """
     Return from which pose on an estimate that ends out of all proportion stays away.
 
-    Beside such poses nothing else can be measured. An estimate in a wrong unit is too large from
-    the beginning, but not by so much.
+    Beside such poses nothing else can be measured. One that is out of proportion from the first
+    pose on has another unit and has not left.
 
     :param estimate: (N, 3) positions.
     :param truth: (M, 3) positions.
@@ -32,7 +32,8 @@ def blown_up_from(estimate: np.ndarray, truth: np.ndarray) -> int | None:
     away = lengths(estimate - begin)
     if not away[-NEIGHBOURS:].min() > BLOWN_UP_RATIO * extent:
         return None
-    return int(np.flatnonzero(away < AWAY_RATIO * extent)[-1]) + 1
+    near = np.flatnonzero(away < AWAY_RATIO * extent)
+    return int(near[-1]) + 1 if len(near) else None
 
 
 def diverged_from(errors: np.ndarray, truth: np.ndarray, least_m: float) -> int | None:

@@ -112,13 +112,14 @@ def poses_of(
 
 def _has_rule(file: TextFile, layout: Layout) -> bool:
     """
-    Return whether the quaternions of a file without names are x y z w by a rule, that of TUM.
+    Return whether the quaternions of a file without names are x y z w by a rule.
 
-    Files with commas or nanoseconds are called TUM's as well, and come in both orders.
+    It is that of TUM, and of ORB-SLAM, which writes the same columns with nanoseconds. Files with
+    commas are called TUM's as well, and come in both orders.
     """
     stamp = file.rows.exact.get(0)
-    is_seconds = stamp is not None and stamp.likely_unit == 's'
-    return layout.source == TUM_NAME and is_seconds and file.separator != ','
+    is_known = stamp is not None and stamp.likely_unit in ('s', 'ns')
+    return layout.source == TUM_NAME and is_known and file.separator != ','
 
 
 def _layout(
