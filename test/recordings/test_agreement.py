@@ -125,6 +125,29 @@ def test_what_is_stated_stays_and_is_contradicted(files):
     assert document('replay', *pair)['warnings'] == []
 
 
+@pytest.mark.parametrize('written', ['xyzw', 'wxyz'])
+@pytest.mark.parametrize('said', ['header', 'columns'])
+def test_a_wrong_name_turns_no_file_of_the_other_side(files, tmp_path, written, said):
+    pair = files({'order': written})
+    wrong = ['qx', 'qy', 'qz', 'qw'] if written == 'wxyz' else ['qw', 'qx', 'qy', 'qz']
+    names = ['t', 'x', 'y', 'z', *wrong]
+    if said == 'header':
+        rows = (tmp_path / 'est.txt').read_text()
+        (tmp_path / 'est.txt').write_text(f'# {" ".join(names)}\n{rows}')
+    else:
+        pair[1] += f'?columns={",".join(names)}'
+    found = document('replay', *pair)
+    assert 'quaternions is given, but not as the ground truth shows' in found['warnings'][0]
+    assert not any('gt.txt: read with' in one for one in found['warnings'])
+
+
+def test_a_rule_does_not_give_way_to_what_hardly_fits(files):
+    pair = files()
+    pair[1] += '?columns=t,y,x,z,qx,qy,qz,qw'  # a mirrored world
+    done = call('replay', *pair)
+    assert 'gt.txt: read with quaternion=wxyz' not in done.stdout
+
+
 @pytest.mark.parametrize('side', [0, 1])
 def test_arrays_in_another_order_are_pointed_out(side):
     columns = [(p.stamps_ns, p.positions, p.rotations) for p in (RUN.estimate, TRUTH)]
@@ -284,6 +307,14 @@ def test_a_stated_unit_of_stamps_is_kept(files):
     assert document('replay', *pair)['association']['pairs'] == 1
     pair[1] = pair[1].replace('stamps=s', 'stamps=ms')
     assert document('replay', *pair)['warnings'] == []
+
+
+def test_a_unit_of_stamps_in_stated_columns_is_kept(files):
+    pair = files()
+    pair[1] += '?columns=t_ms,x,y,z,qx,qy,qz,qw'
+    found = document('replay', *pair)
+    assert found['association']['pairs'] < 5
+    assert not any('stamps are read as' in one for one in found['warnings'])
 
 
 def test_another_unit_on_another_clock_is_asked(tmp_path, files):

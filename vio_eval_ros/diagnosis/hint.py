@@ -16,6 +16,7 @@ from vio_eval_ros.core.metrics import position_errors
 from vio_eval_ros.core.statistics import root_mean_square
 from vio_eval_ros.core.trajectory import Pairs
 from vio_eval_ros.errors import NoPairs
+from vio_eval_ros.recordings.spec import with_statement
 
 if TYPE_CHECKING:
     from vio_eval_ros.diagnosis.report import Cause
@@ -133,6 +134,5 @@ def _command(cause: Cause, specs: Mapping[str, str]) -> str:
     stated = cause.flags[0].removeprefix('?')
     if stated == cause.flags[0]:
         return shlex.join(cause.flags)
-    spec = specs.get(cause.side, '')
-    joined = f'{spec}{"&" if "?" in spec else "?"}{stated}'
+    joined = with_statement(specs.get(cause.side, ''), stated)
     return f'{FLAGS_OF[cause.side]} {shlex.quote(joined)}'

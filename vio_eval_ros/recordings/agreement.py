@@ -8,7 +8,7 @@ tell, the rule of the layout holds, or the user is asked; what the user states i
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from itertools import product
@@ -25,10 +25,11 @@ from vio_eval_ros.core.matching import nearest
 from vio_eval_ros.core.orientations import finite, usable, why_positions_only
 from vio_eval_ros.core.trajectory import Pairs, Poses, Trajectory
 from vio_eval_ros.errors import ReadError, VioEvalError
+from vio_eval_ros.recordings.columns import STAMPS, stated_columns
 from vio_eval_ros.recordings.layouts import Reading
 from vio_eval_ros.recordings.rows import STAMP_UNITS
 from vio_eval_ros.recordings.sources import read_sources, Source
-from vio_eval_ros.recordings.spec import LENGTH_UNITS, Spec
+from vio_eval_ros.recordings.spec import LENGTH_UNITS, Spec, with_statement
 
 NAMES = ('estimate', 'ground truth')
 #: pairs of which two sides are compared, evenly over the run, and the fewest that tell anything
@@ -39,6 +40,8 @@ SAME_PATH = 0.3
 CONSTANT_DEG = 20.0
 #: ... and the one that does not matter
 RESOLVED_DEG = 0.3
+#: ... and the one within which a rule gives way
+DEPARTING_DEG = 10.0
 #: the rotation between two bodies that are meant to be one
 SAME_BODY_DEG = 10.0
 #: ... and the one that makes a rule doubtful, where the other order has less than that
@@ -82,11 +85,6 @@ def settled(estimate: Source, truth: Source, config: EvaluationConfig | None = N
 def assumed(estimate: Source, truth: Source) -> tuple[str, ...]:
     """Return what was taken for granted when both sides were read, each sentence once."""
     return tuple(dict.fromkeys([*estimate.warnings, *truth.warnings]))
-
-
-def with_statement(source: Source, statement: str) -> str:
-    """Return the spec of a source with one more statement, as it is written."""
-    return f'{source.spec}{"&" if "?" in source.spec else "?"}{statement}'
 
 
 # -- pairs ---------------------------------------------------------------------------------------
@@ -161,6 +159,10 @@ def _with_orders(sides: Sides, config: EvaluationConfig) -> Sides:
     ways = [side.readings or _stated_and_other(side) for side in sides]
     if max(map(len, ways)) == 1:
         return sides
+    ways = [
+        each if len(each) > 1 else _named_and_others(side, each[0])
+        for side, each in zip(sides, ways, strict=True)
+    ]
     relations = _relations(ways, config)
     choice = _choice(ways, relations)
     if choice is None:
@@ -171,13 +173,15 @@ def _with_orders(sides: Sides, config: EvaluationConfig) -> Sides:
         if choice is not None and not taken.usual:
             shown = _shown(choice, k, relations=relations, other=NAMES[1 - k])
             if side.readings:
-                spec = with_statement(side, taken.statement)
+                spec = with_statement(side.spec, taken.statement)
                 note = (
                     f'{side.spec}: read with {taken.statement}, {shown}; to state it, write {spec}'
                 )
             else:
                 said = 'stated' if side.paths else 'the order of rotations'
-                note = f'{side.spec}: {ways[k][0].statement} is {said}, but not {shown}'
+                what = ways[k][0].statement or 'the order of its quaternions'
+                said = said if ways[k][0].statement else 'given'
+                note = f'{side.spec}: {what} is {said}, but not {shown}'
                 taken = ways[k][0]
         elif choice is not None and side.readings:
             note = _doubt(side, choice, k, relations=relations)
@@ -216,6 +220,22 @@ def _stated_and_other(side: Source) -> tuple[Reading, ...]:
         only._replace(statement=f'quaternion={stated}'),
         Reading(f'quaternion={other}', turned),
     )
+
+
+def _named_and_others(side: Source, named: Reading) -> tuple[Reading, ...]:
+    """Return a reading whose order a header or message names, and those if the name is wrong."""
+    rotations = side.poses.rotations
+    if rotations is None or 'invert' in _statements(side):
+        return (named,)
+    others = (
+        Reading('', replace(side.poses, rotations=np.roll(rotations, turn, axis=1)))
+        for turn in (1, -1)
+    )
+    return (named, *others)
+
+
+def _statements(side: Source) -> Mapping[str, str]:
+    return Spec.parse(side.spec).statements if side.paths else {}
 
 
 class _Relation(NamedTuple):
@@ -303,6 +323,8 @@ def _choice(ways: Sequence[Ways], relations: dict[Choice, _Relation]) -> Choice 
 
     fewest = min(map(departures, agreeing), default=0)
     left = [choice for choice in agreeing if departures(choice) == fewest]
+    if fewest and min(relations[choice].spread_deg for choice in left) > DEPARTING_DEG:
+        return None
     if len(left) > 1 and len(agreeing) < len(relations):
         turns = sorted((relations[choice].turn_deg, choice) for choice in left)
         if turns[0][0] < SAME_BODY_DEG and turns[1][0] > CLEARLY * SAME_BODY_DEG:
@@ -318,11 +340,11 @@ def _check_usual(sides: Sides, relations: dict[Choice, _Relation]) -> None:
     for k, side in enumerate(sides):
         for choice in agreeing:
             if side.readings and choice[k]:
+                spec = with_statement(side.spec, side.readings[choice[k]].statement)
                 raise ReadError(
                     side.spec,
                     f'its orientations do not fit those of the {NAMES[1 - k]}, unless one side '
-                    'is read otherwise; write '
-                    f'{with_statement(side, side.readings[choice[k]].statement)}, or state both',
+                    f'is read otherwise; write {spec}, or state both',
                 )
 
 
@@ -361,7 +383,7 @@ def _open(side: Source) -> str:
 
 def _undecided(side: Source, other: str, *, comparable: bool) -> str:
     """Return what is open of a side; ``ReadError`` where orientations would be compared."""
-    specs = ' or '.join(with_statement(side, way.statement) for way in side.readings)
+    specs = ' or '.join(with_statement(side.spec, way.statement) for way in side.readings)
     if comparable:
         raise ReadError(
             side.spec,
@@ -463,7 +485,11 @@ def _has_open_stamps(side: Source) -> bool:
     if len(side.paths) != 1 or not side.paths[0].is_file():
         return False  # arrays, a pipe, or times beside it
     spec = Spec.parse(side.spec)
-    return spec.topic is None and 'stamps' not in spec.statements
+    columns = spec.statements.get('columns')
+    in_unit = columns is not None and any(
+        column.role in STAMPS and column.unit for column in stated_columns(columns)
+    )
+    return spec.topic is None and 'stamps' not in spec.statements and not in_unit
 
 
 def _in_every_unit(side: Source) -> list[Source]:
@@ -471,7 +497,7 @@ def _in_every_unit(side: Source) -> list[Source]:
     ways = [side]
     for unit in STAMP_UNITS if _has_open_stamps(side) else ():
         with suppress(VioEvalError):  # too large to be this unit
-            way = read_sources([with_statement(side, f'stamps={unit}')])[0]
+            way = read_sources([with_statement(side.spec, f'stamps={unit}')])[0]
             if not np.array_equal(way.stamps_ns, side.stamps_ns):
                 ways.append(way)
     return ways
@@ -526,7 +552,7 @@ def _refuse_frames(side: Source) -> NoReturn:
         side.spec,
         f'its stamps {numbers} ... are frame numbers, as it seems; write the time of each frame '
         'in seconds instead, or leave them out and give the times with --times FILE '
-        f'(if they are seconds, {with_statement(side, "stamps=s")})',
+        f'(if they are seconds, {with_statement(side.spec, "stamps=s")})',
     )
 
 
@@ -596,8 +622,8 @@ def _in_another_unit(sides: Sides, k: int, unit: str, config: EvaluationConfig) 
     if fitted or not side.paths or any('unit' in stated for stated in statements):
         noted = _noted(side, f'{side.spec}: {found}')
         return (noted, sides[1]) if k == 0 else (sides[0], noted)
-    ways = [with_statement(side, f'unit={unit}')]
+    ways = [with_statement(side.spec, f'unit={unit}')]
     if unit == 'mm':
-        ways.append(with_statement(sides[1 - k], 'unit=km'))
-    as_is = with_statement(side, 'unit=m')
+        ways.append(with_statement(sides[1 - k].spec, 'unit=km'))
+    as_is = with_statement(side.spec, 'unit=m')
     raise ReadError(side.spec, f'{found} Write {" or ".join(ways)}, or {as_is} to leave them so')

@@ -130,6 +130,27 @@ class Spec(NamedTuple):
         return Path(body), None
 
 
+def with_statement(text: str, statement: str) -> str:
+    """
+    Return a spec with one more statement, which takes the place of an earlier one of its name.
+
+    What is inverted once more is not inverted. The order of a quaternion that columns state is
+    changed in these.
+    """
+    body, _, query = text.partition('?')
+    name, _, value = statement.partition('=')
+    stated = dict(parse_qsl(query, keep_blank_values=True))
+    if name == 'quaternion' and 'columns' in stated:
+        order = iter(value)
+        stated['columns'] = re.sub(r'\bq[wxyz]\b', lambda _: f'q{next(order)}', stated['columns'])
+    elif name == 'invert' and stated.get(name) == value:
+        del stated[name]
+    else:
+        stated[name] = value
+    joined = '&'.join(f'{name}={value}' for name, value in stated.items())
+    return f'{body}?{joined}' if joined else body
+
+
 def _check(text: str, what: str, name: str, value: str) -> None:
     """Raise ``ConfigError`` unless a convention may be stated so of a 'file' or a 'topic'."""
     known = list(dict.fromkeys(name for names in STATEMENTS.values() for name in names))
