@@ -35,7 +35,8 @@ def east_north_up(
         from pymap3d import geodetic2enu
     except ImportError:
         raise ConfigError(
-            "latitude and longitude need pymap3d: pip install 'vio_eval_ros[geo]'"
+            'latitude and longitude are made local metres (east, north, up) with pymap3d: pip '
+            "install 'vio_eval_ros[geo]'"
         ) from None
     places = are_places(geodetic)
     positions = np.full(geodetic.shape, np.nan)
