@@ -311,7 +311,7 @@ def test_estimates_of_ov_eval_have_covariances(path):
         ('t,x,y,qx,qy,qz,qw,e', 'names no column as z'),
         ('t,x,y,z,qx,qy,qz,e', 'no column as qw'),
         ('a,b,c,d,e,f,g,h', 'names no column as a position'),
-        ('t,east,north,up,qx,qy,qz,qw', 'names no column as a position'),
+        ('t,left,front,top,qx,qy,qz,qw', 'names no column as a position'),
         ('t,x,y,z,a,b,c,d', r'no orientation that is known .*\?columns=t,x,y,z,qx,qy,qz,qw'),
         ('t,x,y,z,qx,qy,qz,qw,vx', 'names 9 columns .* its rows have 8'),
         ('t,x,y,z,x,qx,qy,qz', r'2 \(x\) and 5 \(x\) may both be x'),

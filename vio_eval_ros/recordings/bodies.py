@@ -12,7 +12,7 @@ from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.rotation import lengths
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings.columns import GEODETIC, Layout, LEFT_OUT, POSITION, STAMPS
-from vio_eval_ros.recordings.rows import Decimals, Rows
+from vio_eval_ros.recordings.rows import as_text, Decimals, Rows
 from vio_eval_ros.recordings.text import TextFile
 
 #: of which there are no more, and with at least so many rows each in the mean
@@ -100,7 +100,7 @@ def _candidates(file: TextFile, layout: Layout) -> Iterable[_Bodies]:
         different, index = np.unique(cells, return_inverse=True)
         if 2 <= len(different) <= min(MOST_BODIES, len(values) / FEWEST_ROWS):
             names = [
-                f'{one:.0f}' if cells.dtype.kind == 'f' else one.decode(errors='replace')
+                f'{one:.0f}' if cells.dtype.kind == 'f' else as_text(one)
                 for one in different.tolist()
             ]
             yield _Bodies(column, names, index)

@@ -58,7 +58,8 @@ TIMES = ('s', 'ms', 'us', 'ns')
 #: the roles, and the units that each may have
 ROLES: dict[str, tuple[str, ...]] = {
     't': TIMES,
-    **dict.fromkeys(('sec', 'nsec', 'frame'), ()),
+    **dict.fromkeys(('sec', 'frame'), ()),
+    'nsec': ('us', 'ms'),
     **dict.fromkeys(POSITION, LENGTHS),
     **dict.fromkeys(('lat', 'lon'), ANGLES),
     'alt': ('m',),
@@ -93,6 +94,9 @@ _TURN = (
     rf'(?:q|quat|quaternion|ori|orient|orientation|rot|rotation|att|attitude){_OF_WHAT_IN_WHAT}'
 )
 _FIX = r'(?:(?:gps|gnss|geo|fix|position)_)?'
+_EASTING = rf'(?:{_PLACE}(?:utm_)?(?:east|easting)(?:_utm)?|utm_x)'
+_NORTHING = rf'(?:{_PLACE}(?:utm_)?(?:north|northing)(?:_utm)?|utm_y)'
+_DOWN = rf'{_PLACE}down'
 _TIME = r'(?:t|ts|time|times|timestamps?|time_?stamps?|stamps?|unix_?time|epoch)'
 _UNIT = '(?:_(?P<unit>{}))?'
 _LENGTH = _UNIT.format('m|cm|mm|km')
@@ -105,12 +109,17 @@ SYNONYMS: dict[str, str] = {
     rf'(?:header_)?stamp{_SECOND}': 't',
     rf'(?:(?:header_)?{_TIME}_|tv_)?(?:secs?|seconds?)': 'sec',
     rf'(?:(?:header_)?{_TIME}_|tv_)?(?:nsecs?|nano_?secs?|nano_?seconds?)': 'nsec',
+    r'(?:tv_|header_)?(?P<unit>[um]secs?)': 't',
     r'(?:frame|index|idx|id|counter|count|seq|num|number|no|frames)': 'frame',
     r'(?:frame|image|header)_(?:id|idx|index|number|no|num|count|seq)': 'frame',
     rf'{_PLACE}([xyz]){_LENGTH}': '{0}',
     r'(?:pos|position)_0?0': 'x',
     r'(?:pos|position)_0?1': 'y',
     r'(?:pos|position)_0?2': 'z',
+    rf'{_EASTING}{_LENGTH}': 'east',
+    rf'{_NORTHING}{_LENGTH}': 'north',
+    rf'{_PLACE}up(?:_baseline)?{_LENGTH}': 'up',
+    rf'{_DOWN}{_LENGTH}': 'down',
     rf'{_FIX}lat(?:itude)?{_ANGLE}': 'lat',
     rf'{_FIX}(?:lon|long|lng|longitude){_ANGLE}': 'lon',
     rf'{_FIX}(?:alt|altitude|height|hgt|elevation|ellipsoidal_height|h_ell)(?:_m)?': 'alt',
@@ -127,6 +136,13 @@ SYNONYMS: dict[str, str] = {
     r'p([rt])_([123])_?([123])': 'p{0}{1}{2}',
     r'covariance_(\d|[12]\d|3[0-5])': 'cov{0}',
 }
+#: the axes of the earth by their letters, where all three are there
+LETTERS = {('e', 'n', 'u'): ('east', 'north', 'up'), ('n', 'e', 'd'): ('north', 'east', 'down')}
+TURN_WORDS = frozenset(
+    'q quat quaternion ori orient orientation rot rotation att attitude euler rpy roll pitch yaw '
+    'heading azimuth phi theta psi rvec rotvec'.split()
+)
+RATE_WORDS = frozenset('rate rates vel velocity dot std sigma cov var err error'.split())
 # A header may name a vector by one word; how many columns that is.
 VECTORS = {
     **dict.fromkeys(('q', 'quat', 'quaternion'), 4),
@@ -215,6 +231,8 @@ def named_columns(names: Sequence[str]) -> list[Column]:
             turn = text if re.fullmatch(rf'{_TURN}(?<!_[wxyz])', text) else ''
     columns = [_meant(*each) for each in words]
     _index_from_one(columns)
+    _axes_of_the_earth(words, columns)
+    _parts_of_seconds(words, columns)
     meant = max((_rank(text) for text, _, column in _stamps(words, columns)), default=0)
     for text, place, column in list(_stamps(words, columns)):
         if _rank(text) < meant:
@@ -256,6 +274,46 @@ def _index_from_one(columns: list[Column]) -> None:
             columns[place] = Column(known if row < 3 and column < 4 else LEFT_OUT, unit)
 
 
+def _axes_of_the_earth(words: Sequence[tuple[str, str | None]], columns: list[Column]) -> None:
+    """Give east, north and up, or north, east and down, the roles of a position."""
+    letters = {text for text, _ in words}
+    for axes in LETTERS if not {*POSITION} & {column.role for column in columns} else ():
+        if {*axes} <= letters:
+            for place, (text, unit) in enumerate(words):
+                if text in axes:
+                    columns[place] = Column(LETTERS[axes][axes.index(text)], unit_of(unit))
+            break
+    roles = {column.role for column in columns}
+    order = ('north', 'east', 'down') if 'down' in roles else ('east', 'north', 'up')
+    named = dict(zip(order, POSITION, strict=True))
+    if {'x', 'y'} <= {named.get(role, role) for role in roles} and not {'z', order[2]} & roles:
+        named['alt'] = 'z'
+    if [named.get(role, role) in POSITION for role, _ in columns].count(True) > len(POSITION):
+        named = dict.fromkeys((*order, 'up', 'down'), LEFT_OUT)  # beside x, y and z
+    columns[:] = [Column(named.get(role, role), unit) for role, unit in columns]
+
+
+def are_north_east_down(names: Sequence[str]) -> bool:
+    """Return whether names are those of axes that point north, east and down."""
+    texts = {_words(name)[0] for name in names}
+    return {'n', 'e', 'd'} <= texts or any(re.fullmatch(_DOWN, text) for text in texts)
+
+
+def sounds_like_a_turn(name: str) -> bool:
+    """Return whether a name is that of a part of an orientation, as far as it can be told."""
+    words = set(_words(name)[0].split('_'))
+    return bool(words & TURN_WORDS) and not words & RATE_WORDS
+
+
+def _parts_of_seconds(words: Sequence[tuple[str, str | None]], columns: list[Column]) -> None:
+    """Take what is named beside whole seconds as milli- or microseconds for their part."""
+    if not any(column.role == 'sec' for column in columns):
+        return
+    for place, (text, _) in enumerate(words):
+        if columns[place].role == 't' and (part := re.search(r'(?:^|_)([mun])secs?$', text)):
+            columns[place] = Column('nsec', f'{part[1]}s')
+
+
 def _words(name: str) -> tuple[str, str | None]:
     """Return the words of a name, small and with _ between them, and the unit behind it."""
     name = re.sub(r'\[(\d+)\]', r'_\1', name.strip(' \t"\'#%'))
@@ -289,7 +347,7 @@ def unit_of(text: str | None) -> str | None:
 
 def names_in(line: str) -> list[str]:
     """Return the names in a line of a header, each with the unit in brackets behind it."""
-    line = line.strip().lstrip('#%').strip()
+    line = line.strip(' \r\n').lstrip('#%').strip(' ')  # a tab in front is an empty name
     separator = next((mark for mark in ',;\t' if mark in line), None)
     if separator:
         return [name.strip(' \t"\'') for name in line.rstrip(', ;\t').split(separator)]

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+import re
+
+import numpy as np
 
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.advice import advice, listed, statement_of
 from vio_eval_ros.recordings.columns import (
+    are_north_east_down,
     Column,
     COUNTED_QUATERNION,
     expanded,
@@ -22,10 +26,15 @@ from vio_eval_ros.recordings.columns import (
     PX4_NAMES,
     QUATERNION,
     ROTATION_VECTOR,
+    STAMPS,
 )
 from vio_eval_ros.recordings.headerless import unit_windows, used_columns
 from vio_eval_ros.recordings.text import TextFile
 
+#: of the steps between stamps, the share that goes up
+RISING_SHARE = 0.9
+#: of the parts of a name
+LONGEST_PREFIX = 6
 #: of an orientation that is named in part, the others are missing
 PARTS = (QUATERNION, OPEN_QUATERNION, COUNTED_QUATERNION, MATRIX, ROTATION_VECTOR, OPEN_TURN)
 
@@ -49,10 +58,10 @@ def header_columns(file: TextFile, width: int, notes: list[str]) -> list[Column]
         columns = named_columns(names[-width:])
         if any(one.role == LEFT_OUT for one in columns):
             return _miscounted(file)
-    if PX4_NAMES.intersection(names):
+    if (is_px4 := bool(PX4_NAMES.intersection(names))) or are_north_east_down(names):
         notes.append(
-            f'{file.path}: as PX4 writes them, poses are in north, east, down, of a body in '
-            'forward, right, down; if the other source has z up, turn the body with '
+            f'{file.path}: {"as PX4 writes them, " * is_px4}poses are in north, east, down, of a '
+            'body in forward, right, down; if the other source has z up, turn the body with '
             '--estimate-to-body 0 0 0 1 0 0 0 (or --ground-truth-to-body)'
         )
     return columns
@@ -79,6 +88,7 @@ def without_repeats(file: TextFile, columns: list[Column]) -> list[Column]:
         if column.role in found and column.role == 'frame':
             columns[place] = Column(LEFT_OUT)
         elif column.role in found and column.role != LEFT_OUT:
+            _check_one_pose(file, columns)
             names = file.names or ()
             both = ' and '.join(f'{k + 1} ({names[k]})' for k in (found[column.role], place))
             raise ReadError(
@@ -88,6 +98,68 @@ def without_repeats(file: TextFile, columns: list[Column]) -> list[Column]:
             )
         found.setdefault(column.role, place)
     return columns
+
+
+def _check_one_pose(file: TextFile, columns: Sequence[Column]) -> None:
+    """Refuse a file whose columns are several poses, by what their names begin with."""
+    for depth in range(1, LONGEST_PREFIX):
+        groups: dict[str, list[int]] = {}
+        for place, name in enumerate(file.names or ()):
+            if columns[place].role not in (LEFT_OUT, 'frame'):
+                parts = re.split(r'(?<=[^/._])[/._]', name.strip())
+                prefix = name[: sum(len(part) + 1 for part in parts[:depth]) - 1]
+                groups.setdefault(prefix, []).append(place)
+        roles = {key: [columns[k].role for k in places] for key, places in groups.items()}
+        poses = [key for key, found in roles.items() if {*POSITION} <= {*found}]
+        if not poses or any(len({*found}) < len(found) for found in roles.values()):
+            continue
+        stamps = [k for k, c in enumerate(columns) if c.role in STAMPS]
+        bodies = [key for key, found in roles.items() if {*found} - {*STAMPS}]
+        shared = [k for k in stamps if not any(k in groups[key] for key in poses)]
+        ways = []
+        for key in poses:
+            own = [k for k in stamps if k in groups[key]]
+            kept = {*groups[key], *([] if own else shared)}
+            meant = [c if k in kept else Column(LEFT_OUT) for k, c in enumerate(columns)]
+            ways.append(f'{statement_of(meant).removeprefix(": append ")} for {key}')
+        raise ReadError(
+            file.path,
+            f'its header names columns of several bodies ({", ".join(bodies)}); append '
+            f'{" or ".join(ways)}',
+        )
+
+
+def _check_one_topic(
+    file: TextFile, columns: Sequence[Column], orientation: Sequence[str]
+) -> None:
+    """Refuse names of topics, as /odom/pose/position/x, whose position and orientation differ."""
+    at, names = places(columns), file.names or ()
+    if len(names) < len(columns):  # vectors, by one name each
+        return
+    used = [[names[at[role]] for role in roles if role in at] for roles in (POSITION, orientation)]
+    topics = [
+        {name.split('/')[1] for name in each if name.startswith('/') and name.count('/') > 1}
+        for each in used
+    ]
+    if len(topics[0] | topics[1]) > 1:
+        raise ReadError(
+            file.path,
+            'its header names a pose of which parts are of several topics '
+            f'({", ".join(sorted(topics[0] | topics[1]))}); if that is meant, append '
+            f'{statement_of(columns).removeprefix(": append ")}',
+        )
+
+
+def stamp_advice(file: TextFile, columns: Sequence[Column]) -> str:
+    """Return what to state where no name is that of a stamp, but of a position."""
+    values = file.rows.values
+    at = places(columns)
+    free = (k for k in used_columns(file) if columns[k].role == LEFT_OUT)
+    stamp = next((k for k in free if (np.diff(values[:, k]) > 0).mean() > RISING_SHARE), None)
+    if stamp is None or not {*POSITION} <= at.keys():
+        return advice(file)
+    meant = [Column('t') if k == stamp else column for k, column in enumerate(columns)]
+    return f'; if column {stamp + 1} is the stamp{statement_of(meant).replace(":", ",", 1)}'
 
 
 def check_place(file: TextFile, columns: Sequence[Column]) -> None:
@@ -110,6 +182,7 @@ def check_place(file: TextFile, columns: Sequence[Column]) -> None:
             f'{advice(file)}',
         )
     whole = next((roles for roles in ORIENTATIONS if at >= set(roles)), None)
+    _check_one_topic(file, columns, whole or ())
     for roles in PARTS:
         missing = [role for role in roles if role not in at]
         if whole is None and 0 < len(missing) < len(roles):

@@ -41,7 +41,12 @@ from vio_eval_ros.recordings.columns import (
 )
 from vio_eval_ros.recordings.geographic import look_like_degrees, of_columns
 from vio_eval_ros.recordings.headerless import known_layouts, TUM_NAME, why_not_matrices
-from vio_eval_ros.recordings.headers import check_place, header_columns, without_repeats
+from vio_eval_ros.recordings.headers import (
+    check_place,
+    header_columns,
+    stamp_advice,
+    without_repeats,
+)
 from vio_eval_ros.recordings.messages import covariance_blocks
 from vio_eval_ros.recordings.motion_capture import poses_of_export
 from vio_eval_ros.recordings.rotation_columns import take
@@ -138,7 +143,7 @@ def _layout(
             raise ReadError(
                 file.path,
                 f'its header names no stamps ({listed(file)}); give a file of stamps with '
-                f'--times, or state the columns{advice(file)}',
+                f'--times, or state the columns{stamp_advice(file, columns)}',
             )
     else:
         source, columns = _known(file, is_euroc, notes)

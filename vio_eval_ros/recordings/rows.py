@@ -282,5 +282,13 @@ def _first_bad_row(block: bytes, width: int) -> BadRow:
     return BadRow(1, 'contains something that is not a number')
 
 
+def as_text(data: bytes) -> str:
+    """Return text in UTF-8, or in Latin-1, in which all bytes are letters."""
+    try:
+        return data.decode()
+    except UnicodeDecodeError:
+        return data.decode('latin-1')
+
+
 def _shown(word: bytes) -> str:
-    return word[:40].decode(errors='replace')
+    return as_text(word[:40])

@@ -37,7 +37,7 @@ def read_stamps(
             raise ConfigError(
                 f'{file.path}: stamps does not apply, seconds and nanoseconds are apart'
             )
-        return _joined(file, at['sec'], at['nsec'])
+        return _joined(file, at['sec'], at['nsec'], columns[at['nsec']].unit or 'ns')
     role, unit = next((r, u) for r, u in (('t', None), ('sec', 's'), ('nsec', 'ns')) if r in at)
     exact = _exact(file, at[role])
     named = columns[at[role]].unit or unit
@@ -61,8 +61,8 @@ def _exact(file: TextFile, column: int) -> Decimals:
     return found
 
 
-def _joined(file: TextFile, sec: int, nsec: int) -> np.ndarray:
-    """Return stamps whose seconds and nanoseconds are apart."""
+def _joined(file: TextFile, sec: int, nsec: int, unit: str) -> np.ndarray:
+    """Return stamps whose seconds are apart from their parts, nanoseconds as a rule."""
     whole, rest = _exact(file, sec), _exact(file, nsec)
     if has_fractions(whole) or has_fractions(rest):
         raise ReadError(
@@ -70,12 +70,12 @@ def _joined(file: TextFile, sec: int, nsec: int) -> np.ndarray:
             f'columns {sec + 1} and {nsec + 1} are taken for seconds and nanoseconds, but have '
             f'fractions; state which is the stamp, such as {_left_out(sec)}t,...',
         )
-    rest_ns = rest.nanoseconds(file.path, 'ns')
+    rest_ns = rest.nanoseconds(file.path, unit)
     if rest_ns.min() < 0 or rest_ns.max() >= per_second('ns'):
         raise ReadError(
             file.path,
-            f'column {nsec + 1} is taken for nanoseconds beside the seconds in column {sec + 1}, '
-            'but is not within 0 and 999999999',
+            f'column {nsec + 1} is taken for {unit} beside the seconds in column {sec + 1}, '
+            f'but is not within 0 and {per_second(unit) - 1}',
         )
     return np.asarray(whole.nanoseconds(file.path, 's') + rest_ns)
 

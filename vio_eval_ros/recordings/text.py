@@ -20,9 +20,11 @@ from vio_eval_ros.recordings.columns import expanded, LEFT_OUT, named_columns, n
 from vio_eval_ros.recordings.content import content_of
 from vio_eval_ros.recordings.preambles import Export
 from vio_eval_ros.recordings.progress import Progress, silent
-from vio_eval_ros.recordings.rows import BadRow, Decimals, parse, Rows
+from vio_eval_ros.recordings.rows import as_text, BadRow, Decimals, parse, Rows
 
 BLOCK_BYTES = 1 << 18
+#: numbers of the first two rows
+COUNTS = ((b'0', b'1'), (b'1', b'2'))
 LEAST_NUMBERS = 3  # in a row that begins with a word, and names with a meaning in a header
 
 
@@ -80,13 +82,17 @@ def read_text(
     header, start = split_header(data)
     first = _first_rows(data, start)
     separator = _separator(first)
-    text = _text_columns(first, separator)
-    blank = tuple(k for k, words in enumerate(_columns(first, separator)) if not any(words))
-    names = _names(header, len(_cells(first[0], separator)) if first else 0)
+    has_end = _has_end(data, start, separator)
+    cells = [_cells(row, separator, has_end) for row in first]
+    columns = list(zip(*cells, strict=False))
+    text = _text_columns(columns)
+    blank = tuple(k for k, words in enumerate(columns) if not any(words))
+    names = _names(header, len(columns))
+    if names and _is_counted(names, columns):
+        names = ('', *names)
     if stamps is None:
-        stamps = _stamp_columns(names, first, separator, (*text, *blank))
-    rows, words = _rows(path, data, start, progress, _Parser(separator, text, stamps))
-    has_end = bool(first) and first[0].endswith(separator.encode())
+        stamps = _stamp_columns(names, columns, (*text, *blank))
+    rows, words = _rows(path, data, start, progress, _Parser(separator, has_end, text, stamps))
     return TextFile(
         path=path,
         rows=rows,
@@ -107,7 +113,7 @@ def split_header(data: bytes) -> tuple[bytes, int]:
     start = 0
     while start < len(data):
         end = data.find(b'\n', start) + 1 or len(data)
-        line = data[start:end].strip().lower()
+        line = data[start:end].strip().lstrip(b',; ').lower()  # its first name may be empty
         if (line and re.match(rb'[^#%a-z_"/]|(nan|inf)\b', line)) or _is_row(line):
             break
         start = end
@@ -135,25 +141,32 @@ def _separator(rows: list[bytes]) -> str:
     return next((mark for mark in ',;\t' if rows and mark.encode() in rows[0]), ' ')
 
 
-def _cells(row: bytes, separator: str) -> list[bytes]:
-    """Return the cells of a row; a separator at its end begins no other."""
+def _is_counted(names: tuple[str, ...], columns: list[tuple[bytes, ...]]) -> bool:
+    """Return whether the first column numbers the rows, without a name, as tables of R have it."""
+    is_stamp = named_columns(names)[0].role in STAMPS
+    return len(names) == len(columns) - 1 and is_stamp and columns[0] in COUNTS
+
+
+def _has_end(data: bytes, start: int, separator: str) -> bool:
+    """Return whether rows end in a separator, behind which no other cell begins."""
+    rows = data[start : start + BLOCK_BYTES].replace(b' ', b'').replace(b'\r', b'')
+    ends = rows.count(separator.encode() + b'\n')
+    return separator != ' ' and 2 * ends > rows.count(b'\n')
+
+
+def _cells(row: bytes, separator: str, has_end: bool) -> list[bytes]:
+    """Return the cells of a row."""
     if separator == ' ':
         return row.split()
-    return [
-        cell.strip() for cell in row.removesuffix(separator.encode()).split(separator.encode())
-    ]
+    row = row.removesuffix(separator.encode()) if has_end else row
+    return [cell.strip() for cell in row.split(separator.encode())]
 
 
-def _columns(rows: list[bytes], separator: str) -> list[tuple[bytes, ...]]:
-    """Return the cells of the first rows, column by column."""
-    return list(zip(*(_cells(row, separator) for row in rows), strict=False))
-
-
-def _text_columns(rows: list[bytes], separator: str) -> tuple[int, ...]:
+def _text_columns(columns: list[tuple[bytes, ...]]) -> tuple[int, ...]:
     """Return the columns that hold words in all of the first rows."""
     return tuple(
         column
-        for column, words in enumerate(_columns(rows, separator))
+        for column, words in enumerate(columns)
         if all(re.match(WORD, word) for word in words)
         and not any(re.fullmatch(NUMBER, word.lower()) for word in words)
     )
@@ -161,7 +174,7 @@ def _text_columns(rows: list[bytes], separator: str) -> tuple[int, ...]:
 
 def _names(header: bytes, width: int) -> tuple[str, ...] | None:
     """Return the names of columns in a header: of the last line that means something."""
-    for line in reversed(header.decode(errors='replace').splitlines()):
+    for line in reversed(as_text(header).splitlines()):
         names = names_in(line)
         meant = {column.role for column in named_columns(names)} - {LEFT_OUT}
         vectors = expanded(names, width)
@@ -178,32 +191,38 @@ def _names(header: bytes, width: int) -> tuple[str, ...] | None:
 
 
 def _stamp_columns(
-    names: tuple[str, ...] | None, rows: list[bytes], separator: str, empty: tuple[int, ...]
+    names: tuple[str, ...] | None, columns: list[tuple[bytes, ...]], empty: tuple[int, ...]
 ) -> tuple[int, ...]:
     """Return the columns that may hold stamps, those without numbers excepted."""
     if names:
-        columns = [(k, one.role) for k, one in enumerate(named_columns(names)) if k not in empty]
-        named = [k for k, role in columns if role in STAMPS]
-        return tuple(named or [k for k, role in columns if role == 'frame'] or [0])
-    whole = all(re.match(rb'[-+]?\d{1,10}$', _cells(row, separator)[0]) for row in rows)
+        roles = [(k, one.role) for k, one in enumerate(named_columns(names)) if k not in empty]
+        named = [k for k, role in roles if role in STAMPS]
+        return tuple(named or [k for k, role in roles if role == 'frame'] or [0])
+    whole = bool(columns) and all(re.match(rb'[-+]?\d{1,10}$', cell) for cell in columns[0])
     numbers = [k for k in range(len(empty) + 3) if k not in empty]
-    return tuple(numbers[:3] if rows and whole else numbers[:1])
+    return tuple(numbers[:3] if whole else numbers[:1])
 
 
 class _Parser(NamedTuple):
     """How blocks of a file become rows."""
 
     separator: str
+    has_end: bool
     text: tuple[int, ...]
     stamps: tuple[int, ...]
 
     def parse(self, block: bytes, width: int) -> tuple[Rows | None, list[np.ndarray]]:
         """Return the rows of a block, NaN in the columns of text, and the words there."""
         words = []
+        if self.separator in ',;':
+            block = block.replace(b';', b',')
+            if not self.has_end and (b',\n' in block or b',\r\n' in block):
+                block = re.sub(rb',(?=\r?\n)', b',nan', block)
         if self.text:
             block = re.sub(rb'(?m)^[ \t]*[#%][^\n]*', b'', block)
-            inside = rb'\S' if self.separator == ' ' else rb'[^%s\n]' % self.separator.encode()
-            between = rb'[ ]+' if self.separator == ' ' else self.separator.encode()
+            mark = self.separator.replace(';', ',').encode()
+            inside = rb'\S' if mark == b' ' else rb'[^%s\n]' % mark
+            between = rb'[ ]+' if mark == b' ' else mark
             for column in self.text:
                 before = rb'(?m)^([ ]*(?:%s*%s){%d})' % (inside, between, column)
                 cell = re.compile(before + rb'(%s+)' % inside)

@@ -15,6 +15,7 @@ from vio_eval_ros.recordings.columns import (
     COUNTED_QUATERNION,
     EULER,
     Layout,
+    LEFT_OUT,
     MATRIX,
     OPEN_QUATERNION,
     OPEN_TURN,
@@ -22,6 +23,7 @@ from vio_eval_ros.recordings.columns import (
     POSITION,
     QUATERNION,
     ROTATION_VECTOR,
+    sounds_like_a_turn,
 )
 from vio_eval_ros.recordings.rotation_columns import (
     from_euler,
@@ -72,6 +74,7 @@ def turns_of(
                 f'{file.path}: {layout.source} has {", ".join(partial)} only; the positions are '
                 'used, and no orientations'
             )
+        _note_unused(file, layout, notes)
         return [Turns('', None)]
     columns = layout.places(roles) or []
     if roles in (QUATERNION, OPEN_QUATERNION, COUNTED_QUATERNION):
@@ -79,6 +82,21 @@ def turns_of(
     if roles == MATRIX:
         return [Turns('', _from_matrices(file, layout, columns, notes))]
     return _from_angles(file, layout, columns, roles, notes)
+
+
+def _note_unused(file: TextFile, layout: Layout, notes: list[str]) -> None:
+    """Note the names of columns that look like those of an orientation, but are not known."""
+    unused = [
+        name
+        for name, column in zip(file.names or (), layout.columns, strict=False)
+        if column.role == LEFT_OUT and sounds_like_a_turn(name)
+    ]
+    if unused:
+        notes.append(
+            f'{file.path}: positions only; what its columns {", ".join(unused)} are is not known, '
+            'and they are left out; if they are an orientation, state the columns, such as '
+            '?columns=t,x,y,z,roll_deg,pitch_deg,yaw_deg'
+        )
 
 
 def _from_quaternions(
