@@ -43,7 +43,7 @@ from vio_eval_ros.live.queues import LAG_S, why_the_run_ends
 from vio_eval_ros.live.report_folder import ReportFolder
 from vio_eval_ros.live.run import LiveRun, RunSetup
 from vio_eval_ros.live.snapshot import Snapshot
-from vio_eval_ros.recordings.agreement import alone
+from vio_eval_ros.recordings.agreement.orders import alone
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.rendering.text import number
 from vio_eval_ros.reports import REPORTS
