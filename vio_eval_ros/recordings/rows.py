@@ -29,6 +29,8 @@ LONG_STAMP = 20  # characters, the point included, that an int64 is sure to hold
 
 EMPTY_CELLS = (b',,', b'\n,', b' ', b'\t')  # in what has any, and perhaps elsewhere
 TWO_IN_A_WORD = re.compile(rb'(?i)x|(nan|f|y)[^ \n]*?[ni]')
+CLOCK = re.compile(rb'\d+[:/]\d+[:/]\d|\d{4}-\d\d-\d\d')
+CLOCK_ADVICE = '; write times as seconds, or as 2024-06-01T12:00:00.123Z'
 _SEPARATORS = bytes.maketrans(b',;\t\r\v\f', b'      ')
 
 
@@ -278,7 +280,8 @@ def _first_bad_row(block: bytes, width: int) -> BadRow:
             try:
                 float(b'?' if b'_' in word else word)  # Python reads 1_000, and others do not
             except ValueError:
-                return BadRow(line, f"'{_shown(word)}' is not a number")
+                advice = CLOCK_ADVICE if CLOCK.match(word) else ''
+                return BadRow(line, f"'{_shown(word)}' is not a number{advice}")
     return BadRow(1, 'contains something that is not a number')
 
 

@@ -18,6 +18,7 @@ import numpy as np
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.columns import expanded, LEFT_OUT, named_columns, names_in, STAMPS
 from vio_eval_ros.recordings.content import content_of
+from vio_eval_ros.recordings.iso_times import has_times, with_seconds
 from vio_eval_ros.recordings.preambles import Export
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.rows import as_text, BadRow, Decimals, parse, Rows
@@ -78,9 +79,13 @@ def read_text(
         raise ReadError(path, str(error)) from None
     if not data or data.isspace():
         raise ReadError(path, 'the file is empty')
-    data, export, notes = content_of(path, data)
+    data, export, known = content_of(path, data)
+    notes = list(known)
     header, start = split_header(data)
     first = _first_rows(data, start)
+    if first and has_times(first[0]):
+        data = data[:start] + with_seconds(path, data[start:], notes)
+        first = _first_rows(data, start)
     separator = _separator(first)
     has_end = _has_end(data, start, separator)
     cells = [_cells(row, separator, has_end) for row in first]
@@ -104,7 +109,7 @@ def read_text(
         text=text,
         words=words,
         blank=blank,
-        notes=notes,
+        notes=tuple(notes),
     )
 
 
