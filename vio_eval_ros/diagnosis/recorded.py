@@ -102,8 +102,7 @@ def _without_stated_flags(sources: Mapping[str, Source], diagnosis: Diagnosis) -
     for cause in diagnosis.causes:
         source = sources[cause.side]
         spec = Spec.parse(source.spec)
-        order = spec.statements.get('quaternion', 'wxyz' if source.kind == 'euroc' else 'xyzw')
-        stated = cause.flags == (f'?quaternion={order}',)
+        stated = cause.flags == (f'?quaternion={source.order or "xyzw"}',)
         if cause.name == 'quaternion_order' and (stated or spec.topic):
             misread.add(cause.side)
         if source.kind == 'arrays':  # conventions are stated of files only

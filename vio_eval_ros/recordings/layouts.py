@@ -66,11 +66,13 @@ class Reading(NamedTuple):
     :param poses: what the file holds, read so.
     :param usual: whether this is the rule of the layout, which holds where nothing shows
         otherwise. Without a rule, and where the other side does not settle it, the user is asked.
+    :param order: of its quaternions, as their columns stand: 'wxyz' for example; else empty.
     """
 
     statement: str
     poses: Poses
     usual: bool = False
+    order: str = ''
 
 
 def stated_stamps(statements: Mapping[str, str]) -> tuple[int, ...] | None:
@@ -110,6 +112,7 @@ def poses_of(
             turn.statement,
             Poses(stamps_ns, positions, turn.rotations, covariances),
             usual=turn.usual or (turn is turns[0] and _has_rule(file, layout)),
+            order=turn.order,
         )
         for turn in turns
     ]

@@ -42,6 +42,7 @@ class Source:
     :param warnings: what was taken for granted, in sentences.
     :param causal: the same poses as first published, where a Path revised them since.
     :param readings: where the file leaves something open, all ways to read it, ``poses`` first.
+    :param order: that of the quaternions in the columns of a file: 'wxyz' for example; else empty.
     """
 
     spec: str
@@ -51,6 +52,7 @@ class Source:
     warnings: tuple[str, ...] = ()
     causal: Poses | None = None
     readings: tuple[Reading, ...] = ()
+    order: str = ''
 
     def __len__(self) -> int:
         """Return the number of poses."""
@@ -253,6 +255,7 @@ def _from_text(text: str, spec: Spec, times: Path | None, progress: Progress = s
         poses=stated[0].poses,
         warnings=(*file.notes, *notes),
         readings=stated if len(stated) > 1 else (),
+        order=stated[0].order,
     )
 
 

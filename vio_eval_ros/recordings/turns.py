@@ -43,11 +43,13 @@ class Turns(NamedTuple):
     :param statement: what settles it, as it is appended to a spec.
     :param rotations: (N, 4) quaternions x y z w; None where there are none.
     :param usual: whether it holds where nothing shows otherwise.
+    :param order: of a quaternion, as its columns stand: 'wxyz' for example; else empty.
     """
 
     statement: str
     rotations: np.ndarray | None
     usual: bool = False
+    order: str = ''
 
 
 def turns_of(
@@ -113,10 +115,14 @@ def _from_quaternions(
             f'unit length in {100 * (1 - share):.0f} % of the rows, so it is none{advice(file)}',
         )
     if roles == QUATERNION:
-        return [Turns('', values.take(columns, axis=1))]
+        order = ''.join(role[-1] for _, role in sorted(zip(columns, roles, strict=True)))
+        return [Turns('', values.take(columns, axis=1), order=order)]
     # both orders are views of one array
     twice = np.concatenate([quaternions, quaternions[:, :1]], axis=1)
-    ways = [Turns('quaternion=xyzw', twice[:, :4]), Turns('quaternion=wxyz', twice[:, 1:])]
+    ways = [
+        Turns('quaternion=xyzw', twice[:, :4], order='xyzw'),
+        Turns('quaternion=wxyz', twice[:, 1:], order='wxyz'),
+    ]
     if roles == COUNTED_QUATERNION:  # q0 is the real part as a rule
         return [ways[1]._replace(usual=True), ways[0]]
     return ways

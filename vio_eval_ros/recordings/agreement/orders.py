@@ -78,7 +78,8 @@ def with_orders(sides: Sides, config: EvaluationConfig) -> Sides:
             note = _doubt(side, choice, k, relations=relations)
         elif choice is None and not taken.usual:
             note = _undecided(side, NAMES[1 - k], comparable=bool(relations))
-        settled.append(noted(replace(side, poses=taken.poses, readings=()), note))
+        order = taken.order or side.order
+        settled.append(noted(replace(side, poses=taken.poses, readings=(), order=order), note))
     return settled[0], settled[1]
 
 
