@@ -217,6 +217,18 @@ def test_arrays_that_are_empty_at_times_are_counted(tmp_path):
             read(path, spec)
 
 
+def test_an_index_is_doubted_where_the_number_of_poses_changes(tmp_path):
+    first = [lambda k: None if 20 < k < 30 else still(k), pose]
+    path = write(tmp_path / 'run', 'mcap', of_poses('/poses', *first))
+    (source,) = read(path, '/poses[0]')
+    assert source.warnings == (
+        f'{path}:/poses: its messages have 1 to 2 poses: where one is missing, [0] may be another '
+        'body',
+    )
+    path = write(tmp_path / 'sound', 'mcap', of_poses('/poses', still, pose))
+    assert read(path, '/poses[0]')[0].warnings == ()
+
+
 def test_of_two_elements_with_one_name_the_first_counts(tmp_path):
     messages = [
         {'header': header(k), 'poses': [{'name': 'a', 'pose': p} for p in (pose(k), still(k))]}
@@ -380,6 +392,12 @@ def test_one_pose_in_a_definition_is_the_pose(tmp_path, kind):
             'the message',
         ),
         (
+            'std_msgs/Header header\ngeometry_msgs/Vector3 position\n'
+            'geometry_msgs/Quaternion attitude\ngeometry_msgs/Vector3 velocity',
+            lambda k: {'position': pose(k)['position'], 'attitude': pose(k)['orientation']},
+            'the message',
+        ),
+        (
             'std_msgs/Header header\ngeometry_msgs/PoseStamped inner',
             lambda k: {'inner': {'pose': pose(k)}},
             'inner.pose',
@@ -392,7 +410,8 @@ def test_poses_are_recognised_by_what_they_are_made_of(tmp_path, fields, message
     path = write(tmp_path / 'run', 'mcap', stream)
     (source,) = read(path, '/own')
     assert_moving(source)
-    assert f'the pose is {named}, the stamp is header.stamp' in source.warnings[0]
+    assert f'the pose is {named}, the stamp is ' in source.warnings[0]
+    assert source.warnings[0].endswith(' header.stamp')
 
 
 def own(tmp_path, fields, message, stamped=True):
@@ -401,6 +420,21 @@ def own(tmp_path, fields, message, stamped=True):
     fields = ('std_msgs/Header header\n' if stamped else '') + fields
     stream = Stream('/own', 'my_msgs/msg/Own', messages, {'my_msgs/msg/Own': fields})
     return write(tmp_path / 'run', 'mcap', odometry(), stream)
+
+
+def test_the_stamp_next_to_the_pose_counts(tmp_path):
+    path = own(
+        tmp_path,
+        'nav_msgs/Odometry state',
+        lambda k: {
+            'header': header(k + 3),
+            'state': {'header': header(k), 'pose': {'pose': pose(k)}},
+        },
+    )
+    (source,) = read(path, '/own')
+    assert_moving(source)
+    said = 'the stamp is state.header.stamp or, where it is zero, header.stamp'
+    assert said in source.warnings[0]
 
 
 def test_positions_alone_are_read_by_definition_too(tmp_path):
@@ -412,6 +446,7 @@ def test_positions_alone_are_read_by_definition_too(tmp_path):
     (source,) = read(path, '/own')
     assert source.positions.tolist() == MOVING.tolist()
     assert source.rotations is None
+    assert 'the position, without orientation, is the message' in source.warnings[0]
 
 
 def test_a_pose_in_a_definition_without_a_stamp_counts_when_recorded(tmp_path):

@@ -112,6 +112,17 @@ def test_stamps_outside_the_other_transforms_are_left_out_and_counted():
     assert warning.startswith('/tf:map.base: left out 4 of 8 poses')
 
 
+@pytest.mark.parametrize(('gap_s', 'said'), [(1, False), (10, True)])
+def test_a_transform_that_is_interpolated_over_long_is_said_to_be(gap_s, said):
+    second = 1_000_000_000
+    known = [0, second, (1 + gap_s) * second, (2 + gap_s) * second]
+    sparse = [transform('map', 'odom', stamp, (0, stamp / second, 0)) for stamp in known]
+    built = tree([*sparse, *moving('odom', 'base', range(0, known[-1] + 1, second // 2))])
+    assert len(built.lookup('map.base')) == 2 * (2 + gap_s) + 1
+    expected = 'map.odom is interpolated over up to 10 s, for 19 of 25 poses'
+    assert [expected in one for one in built.warnings] == [True] * said
+
+
 def test_a_transform_that_came_once_is_constant_and_said_to_be():
     built = tree([transform('map', 'odom', 2, (0, 7, 0)), *moving('odom', 'base', [1, 2, 3])])
     poses = built.lookup('map.base')

@@ -8,7 +8,7 @@ list of them, need no line in a table.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from operator import attrgetter
 from typing import Any, NamedTuple
@@ -22,7 +22,8 @@ from vio_eval_ros.recordings.messages import (
 )
 
 TEXT, NUMBER = 'text', 'number'
-#: the fields that make a pose, and those that are a position
+#: the fields that make a pose, of which the second may have any name where no other is like it,
+#: and those that are a position
 POSES = (('position', 'orientation'), ('translation', 'rotation'))
 POSITIONS = ('position', 'point', 'translation')
 NAMES = ('name', 'id', 'label', 'child_frame_id')
@@ -101,32 +102,34 @@ def converter_of(source: str, msgtype: str, fields: Fields) -> Converter | Array
     :raises UnsupportedMessage: there is no pose, or several lists of poses.
     """
     places, lists = _places(msgtype, fields), _lists(msgtype, fields)
-    stamp = _stamp_path(msgtype, fields)
-    if not places and not lists:
-        places = _positions(msgtype, fields)
-    if not places and not lists:
-        raise UnsupportedMessage(
-            source,
-            f'{msgtype} is not read: no field of it has a position (x y z) and an orientation '
-            '(x y z w); publish it as PoseStamped or Odometry',
-        )
-    if not places and len(lists) > 1:
-        listed = ', '.join(one.path for one in lists)
-        raise UnsupportedMessage(
-            source,
-            f'{msgtype} is not read: it has several lists of poses ({listed}); publish one of '
-            'them as a PoseArray',
-        )
+    oriented = bool(places or lists)
+    places = places if oriented else _positions(msgtype, fields)
+    _check_choice(source, msgtype, places, lists)
+    # nearest to the pose, where there is only one
+    stamps = _stamp_paths(msgtype, places[0].path if len(places) == 1 else '', fields)
     if places:
-        where = f'the pose is {" or ".join(one.path or "the message" for one in places)}'
+        where = f'is {" or ".join(one.path or "the message" for one in places)}'
+        where = f'the {"pose" if oriented else "position, without orientation,"} {where}'
     else:
         where = f'the poses are in {lists[0].path}'
-    when = f'the stamp is {stamp}' if stamp else 'it has no stamp'
+    named = ' or, where it is zero, '.join(stamps)
+    when = f'the stamp is {named}' if stamps else 'it has no stamp'
     note = f'{source}: {msgtype} is read by its definition: {where}, {when}'
 
-    stamp_of = (lambda message: stamp_ns(_get(message, stamp))) if stamp else None
+    def first_set(message: Any) -> int:
+        """Return the nearest stamp that is not zero."""
+        return next(filter(None, (stamp_ns(_get(message, path)) for path in stamps)), 0)
+
+    stamp_of = first_set if stamps else None
     if not places:
-        return ArrayConverter(lists[0].elements, lists[0].place.numbers, stamp_of, (note,))
+        only = lists[0]
+        return ArrayConverter(
+            only.elements,
+            only.place.numbers,
+            stamp_of,
+            (note,),
+            by_index=not (only.name or only.names),
+        )
     getters = [(one.path, one.numbers) for one in places]
     if len(places) > 1:
         return ArrayConverter(
@@ -142,8 +145,28 @@ def converter_of(source: str, msgtype: str, fields: Fields) -> Converter | Array
         )
     return Converter(
         lambda message: [(stamp_of(message) if stamp_of else 0, numbers(message))],
-        is_stamped=bool(stamp),
+        is_stamped=bool(stamps),
         notes=(note,),
+    )
+
+
+def _check_choice(
+    source: str, msgtype: str, places: Sequence[Place], lists: Sequence[PoseList]
+) -> None:
+    """Raise ``UnsupportedMessage`` where there is no pose, or several lists of poses."""
+    if places or len(lists) == 1:
+        return
+    if not lists:
+        raise UnsupportedMessage(
+            source,
+            f'{msgtype} is not read: no field of it has a position (x y z) and an orientation '
+            '(x y z w); publish it as PoseStamped or Odometry',
+        )
+    listed = ', '.join(one.path for one in lists)
+    raise UnsupportedMessage(
+        source,
+        f'{msgtype} is not read: it has several lists of poses ({listed}); publish one of '
+        'them as a PoseArray',
     )
 
 
@@ -178,6 +201,10 @@ def _pose_fields(name: str, fields: Fields) -> tuple[str, ...]:
         both = inside.get(position), inside.get(orientation)
         if _has(both[0], 'xyz', fields) and _has(both[1], 'xyzw', fields):
             return (*_of(position, 'xyz'), *_of(orientation, 'xyzw'))
+    turned = [field for field, kind in inside.items() if _has(kind, 'xyzw', fields)]
+    moved = [field for field, _ in POSES if _has(inside.get(field), 'xyz', fields)]
+    if len(turned) == len(moved) == 1:
+        return (*_of(moved[0], 'xyz'), *_of(turned[0], 'xyzw'))
     return FLAT if all(inside.get(number) == Field(NUMBER) for number in FLAT) else ()
 
 
@@ -238,6 +265,17 @@ def _text_name(inside: Mapping[str, Field]) -> str:
     """Return the text among fields that names what has them; '' where there is none."""
     texts = (name for name, field in inside.items() if field == Field(TEXT))
     return next((name for name in texts if name in NAMES or name.endswith('_name')), '')
+
+
+def _stamp_paths(msgtype: str, path: str, fields: Fields) -> list[str]:
+    """Return the fields with seconds and nanoseconds around a path, the innermost first."""
+    found, outer = [], ''
+    for name in ['', *filter(None, path.split('.'))]:
+        outer = f'{outer}.{name}'.strip('.')
+        msgtype = fields(msgtype)[name].type if name else msgtype
+        if stamp := _stamp_path(msgtype, fields):
+            found.append(f'{outer}.{stamp}'.lstrip('.'))
+    return found[::-1]
 
 
 def _stamp_path(msgtype: str, fields: Fields) -> str:

@@ -70,12 +70,14 @@ class ArrayConverter:
     :param numbers: of an element.
     :param stamp_ns: of a message; None where the type has no stamp.
     :param notes: what was taken for granted, in sentences.
+    :param by_index: whether the elements have no names.
     """
 
     elements: Callable[[Any], Iterable[tuple[str, Any]]]
     numbers: Callable[[Any], Numbers]
     stamp_ns: Callable[[Any], int] | None
     notes: tuple[str, ...] = ()
+    by_index: bool = False
 
 
 def stamp_ns(stamp: Any) -> int:
@@ -189,7 +191,7 @@ CONVERTERS: dict[str, Converter | ArrayConverter] = {
     'geometry_msgs/msg/Transform': _unstamped(transform_numbers),
     'geometry_msgs/msg/Point': _unstamped(xyz),
     'geometry_msgs/msg/PoseArray': ArrayConverter(
-        lambda message: _numbered(message.poses), pose_numbers, header_ns
+        lambda message: _numbered(message.poses), pose_numbers, header_ns, by_index=True
     ),
     'sensor_msgs/msg/NavSatFix': _FIX,
     'gps_msgs/msg/GPSFix': _FIX,
@@ -206,6 +208,7 @@ CONVERTERS: dict[str, Converter | ArrayConverter] = {
         lambda message: _numbered(message.poses),
         pose_numbers,
         lambda message: stamp_ns(message.timestamp),
+        by_index=True,
     ),
     'foxglove.LocationFix': Converter(
         lambda fix: [(stamp_ns(fix.timestamp), geographic_numbers(fix))], adjustment=Projection

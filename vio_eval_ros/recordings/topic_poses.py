@@ -170,6 +170,7 @@ class ElementColumns:
         self._element = element
         self._stamp_ns = None if recorded else converter.stamp_ns
         self._messages = 0
+        self._lengths: set[int] = set()
         self._tracks: dict[str, _Track] = {}
         self._stamps, self._numbers = array('q'), array('d')
 
@@ -185,8 +186,9 @@ class ElementColumns:
 
     def _pose_in(self, content: Any) -> Numbers | None:
         """Return the numbers of the element in a message; None where it is not there."""
-        pose = None
+        pose, count = None, 0
         for name, element in islice(self._converter.elements(content), MOST_ELEMENTS):
+            count += 1
             track = self._tracks.get(name)
             if track is None and len(self._tracks) < MOST_ELEMENTS:
                 track = self._tracks[name] = _Track()
@@ -196,6 +198,8 @@ class ElementColumns:
                     track.add(numbers[:3])
                 if pose is None:  # of two with one name, the first
                     pose = numbers
+        if count:
+            self._lengths.add(count)
         return pose if self._element is not None or len(self._tracks) == 1 else None
 
     def read(self) -> TopicPoses:
@@ -222,6 +226,11 @@ class ElementColumns:
         count = len(self._stamps)
         if count < self._messages:
             notes.append(f'{source}: [{name}] is in {count} of {self._messages} messages')
+        if self._converter.by_index and len(self._lengths) > 1:
+            notes.append(
+                f'{source}: its messages have {min(self._lengths)} to {max(self._lengths)} poses: '
+                f'where one is missing, [{name}] may be another body'
+            )
         if self._stamp_ns is None:
             notes.append(by_recording(source))
         numbers = np.array(self._numbers).reshape(count, -1)

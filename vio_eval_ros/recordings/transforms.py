@@ -47,6 +47,8 @@ Edge = tuple[str, str]  # parent and child frame
 Link = tuple[Edge, bool]  # an edge of a chain, and whether it is passed forward
 #: what changes by no more, in metres and in numbers of its unit quaternion, is constant
 CONSTANT = 1e-6
+#: a transform that moves and is known less often than this is said to be interpolated [s]
+LONG_GAP_S = 2.0
 #: of more frames, a message has only the first
 LISTED_FRAMES = 40
 #: how alike two names are that may mean the same frame
@@ -181,7 +183,9 @@ class TransformTree:
         moving = {edge: _in_order(sent[edge]) for edge in sent if changes[edge]}
         poses = self._while_known(source, poses, moving)
         for edge, samples in sent.items():
-            if edge not in moving:
+            if edge in moving:
+                self._warn_of_gaps(source, edge, moving[edge], poses)
+            else:
                 self._warn_of_constant(source, edge, samples, poses)
         fixed = static | sent
         joined = Rigid(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
@@ -217,6 +221,19 @@ class TransformTree:
             f'({", ".join(map(_name, moving))})'
         )
         return poses[known]
+
+    def _warn_of_gaps(self, source: str, edge: Edge, samples: Poses, poses: Poses) -> None:
+        """Say of a transform that moves for how many poses it is not known from nearby."""
+        gaps_s = np.diff(samples.stamps_ns) / 1e9
+        after = np.searchsorted(samples.stamps_ns, poses.stamps_ns)  # all are known
+        between = samples.stamps_ns[after] != poses.stamps_ns
+        between &= np.append(0.0, gaps_s)[after] > LONG_GAP_S
+        if between.any():
+            self.warnings.append(
+                f'{source}: {_name(edge)} is interpolated over up to {gaps_s.max():.3g} s, for '
+                f'{np.count_nonzero(between)} of {len(poses)} poses: where it jumps, as a '
+                'correction does, they are wrong'
+            )
 
     def _warn_of_constant(self, source: str, edge: Edge, samples: Poses, poses: Poses) -> None:
         """Say of a transform that came as if it moved what was assumed of it."""
