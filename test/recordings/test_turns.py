@@ -75,6 +75,22 @@ def test_the_unit_of_angles_is_said_beside_positions_only(path):
     assert 'which nothing here confirms' in result.warnings[0]
 
 
+@pytest.mark.parametrize('is_named', [True, False])
+def test_matrices_by_columns_are_told_from_those_by_rows(path, is_named):
+    cells = rotation.to_matrix(ROTATIONS).transpose(0, 2, 1).reshape(-1, 9)
+    names = [f'r{row}{column}' for column in '123' for row in '123']
+    spec = write(path, ','.join(['t', 'x', 'y', 'z', *names]), cells)
+    if not is_named:
+        path.write_text(path.read_text().partition('\n')[2])
+    result = evaluate(spec, TRUTH)
+    assert result.metrics['ate_rot_rmse_deg'] == pytest.approx(0, abs=1e-4)
+    assert any('invert=rotation' in one for one in result.warnings) != is_named
+    if not is_named:
+        stated = evaluate(f'{spec}?invert=rotation', TRUTH)
+        assert stated.metrics['ate_rot_rmse_deg'] == result.metrics['ate_rot_rmse_deg']
+        assert not stated.warnings
+
+
 def test_q0_is_the_real_part_where_nothing_shows_otherwise(path):
     result = evaluate(write(path, 't,x,y,z,q0,q1,q2,q3', ROTATIONS[:, [3, 0, 1, 2]]), TRUTH)
     assert result.metrics['ate_rot_rmse_deg'] == pytest.approx(0, abs=1e-4)

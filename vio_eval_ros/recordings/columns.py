@@ -22,6 +22,8 @@ OPEN_QUATERNION = ('q1', 'q2', 'q3', 'q4')
 #: fixed axes, as in ROS: R = Rz(yaw) Ry(pitch) Rx(roll)
 EULER = ('roll', 'pitch', 'yaw')
 ROTATION_VECTOR = ('rx', 'ry', 'rz')
+#: where a layout comes from, unless it is recognised
+HEADER, STATEMENT = 'its header', '?columns='
 #: a quaternion that is counted from 0, w first as a rule
 COUNTED_QUATERNION = ('q_0', 'q_1', 'q_2', 'q_3')
 #: three angles that may be roll, pitch and yaw, or a rotation vector
@@ -192,6 +194,11 @@ class Layout:
         """Return the columns of some roles, or None where one of them is missing."""
         at = places(self.columns)
         return [at[role] for role in roles] if at.keys() >= set(roles) else None
+
+    @property
+    def is_recognised(self) -> bool:
+        """Whether neither a header nor the user says what its columns are."""
+        return self.source not in (HEADER, STATEMENT)
 
     @property
     def has_stamps(self) -> bool:

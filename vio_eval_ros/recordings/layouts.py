@@ -26,6 +26,7 @@ from vio_eval_ros.recordings.columns import (
     COUNTED_QUATERNION,
     COVARIANCE,
     GEODETIC,
+    HEADER,
     Layout,
     LEFT_OUT,
     MATRIX,
@@ -38,6 +39,7 @@ from vio_eval_ros.recordings.columns import (
     QUATERNION,
     STAMPS,
     stated_columns,
+    STATEMENT,
 )
 from vio_eval_ros.recordings.geographic import look_like_degrees, of_columns
 from vio_eval_ros.recordings.headerless import known_layouts, TUM_NAME, why_not_matrices
@@ -55,6 +57,8 @@ from vio_eval_ros.recordings.text import read_text, TextFile
 from vio_eval_ros.recordings.turns import turns_of
 
 METRES = {'m': 1.0, 'cm': 0.01, 'mm': 0.001, 'km': 1000.0}
+#: columns behind a pose in which another position has room
+LEFT_OUT_NOTED = 3
 EXPECTED = 'a trajectory has 8: stamp x y z qx qy qz qw'
 
 
@@ -137,10 +141,10 @@ def _layout(
     width = file.rows.values.shape[1]
     is_euroc = _is_euroc(file)
     if 'columns' in statements:
-        return Layout('?columns=', _stated(file, width, statements), False)
+        return Layout(STATEMENT, _stated(file, width, statements), False)
     columns = header_columns(file, width, notes)
     if columns is not None:
-        source, columns = 'its header', without_repeats(file, columns)
+        source, columns = HEADER, without_repeats(file, columns)
         check_place(file, columns)
         if not places(columns).keys() & {*STAMPS, 'frame'} and times is None:
             raise ReadError(
@@ -207,6 +211,12 @@ def _known(file: TextFile, is_euroc: bool, notes: list[str]) -> tuple[str, list[
         notes.append(
             f'{file.path}: its matrices are written column by column, the translation behind the '
             'rotation, and read so'
+        )
+    left_out = found[0].columns[-LEFT_OUT_NOTED:]
+    if 'rotation matrix' in found[0].name and not any(c.role != LEFT_OUT for c in left_out):
+        notes.append(
+            f'{file.path}: columns are read as {found[0].name}, and those behind are left out; to '
+            f'state it, write {file.path}{found[0].statement}'
         )
     if found[0].name.endswith('t, position') and width > 3:
         read = found[0].name.replace(',', '').replace('position', 'x y z')

@@ -82,7 +82,15 @@ def turns_of(
     if roles in (QUATERNION, OPEN_QUATERNION, COUNTED_QUATERNION):
         return _from_quaternions(file, layout, columns, roles)
     if roles == MATRIX:
-        return [Turns('', _from_matrices(file, layout, columns, notes))]
+        rotations = _from_matrices(file, layout, columns, notes)
+        side_by_side = columns == list(range(columns[0], columns[0] + 9))
+        if layout.is_recognised and side_by_side and 'invert' not in statements:
+            # nine cells side by side may be written by rows or by columns
+            return [
+                Turns(statement_of(layout.columns).removeprefix(': append ?'), rotations, True),
+                Turns('invert=rotation', rotation.conjugate(rotations)),
+            ]
+        return [Turns('', rotations)]
     return _from_angles(file, layout, columns, roles, notes)
 
 
