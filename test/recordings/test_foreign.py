@@ -66,6 +66,7 @@ def test_what_is_no_trajectory_is_called_by_its_name(tmp_path, content, expected
     [
         TRUTH,
         '# a comment: with a colon\n' + TRUTH,
+        '\nPos_x Pos_y Pos_z\n1 2 3\n',
         'time: x y z qx qy qz qw\n' + TRUTH,
         '%time,field.header.seq\n1,2',
         '#timestamp [ns],p_RS_R_x [m]\n',

@@ -219,3 +219,11 @@ def test_bytes_that_are_not_utf_8_are_printed_as_letters(path):
     path.write_bytes(path.read_bytes().replace(b'?', b'\xb5\xe4', 1))
     with pytest.raises(ReadError, match="positions in 'µäm'"):
         read(path)
+
+
+def test_long_names_are_cut_off_in_messages(path):
+    names = f'timestamp,{"_" * 5000}x,x,y,z,qx,qy,qz,qw'
+    path.write_text(f'{names}\n{",".join(["1.5"] * 9)}\n')
+    with pytest.raises(ReadError) as raised:
+        read_sources([str(path)])
+    assert len(str(raised.value)) < 1500

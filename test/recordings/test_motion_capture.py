@@ -1,6 +1,7 @@
 """Exports of motion capture systems are read as the poses that they show."""
 
 from pathlib import Path
+from time import process_time
 
 import numpy as np
 import pytest
@@ -322,3 +323,12 @@ def test_an_export_is_scored_against_an_estimate_from_its_start(tmp_path):
         *('replay', '--estimate', 'late.txt', '--ground-truth', 'trial.csv'), cwd=tmp_path
     )
     assert 'no pairs' in said
+
+
+@pytest.mark.parametrize('run', ['\n', ' ', '\t', '9'])
+def test_long_runs_of_one_character_are_read_in_time(tmp_path, run):
+    file = tmp_path / 'long.csv'
+    lines = [*vicon(), '', 'Objects' + '\n' * (run == '9') + 20_000 * run + 'x']
+    begin_s = process_time()
+    assert len(read_sources([str(written(file, lines))])[0]) == COUNT
+    assert process_time() - begin_s < 1.0

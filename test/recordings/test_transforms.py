@@ -410,3 +410,9 @@ def test_a_chain_of_random_transforms_is_what_scipy_makes_of_it():
         np.testing.assert_allclose(found.positions, matrices[:, :3, 3], atol=1e-12)
         rotations = spatial.Rotation.from_quat(found.rotations).as_matrix()
         np.testing.assert_allclose(rotations, matrices[:, :3, :3], atol=1e-12)
+
+
+def test_a_chain_may_be_long():
+    links = [transform(f'f{k}', f'f{k + 1}', 0, (1, 0, 0)) for k in range(3000)]
+    poses = tree(moving('odom', 'f0', [1, 2]), links).lookup('odom.f3000')
+    assert poses.positions[:, 0].tolist() == [3001, 3002]

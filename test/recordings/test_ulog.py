@@ -207,3 +207,10 @@ def test_pyulog_that_is_not_installed_is_named(log, monkeypatch):
     monkeypatch.setitem(__import__('sys').modules, 'pyulog', None)
     with pytest.raises(ReadError, match=r"not read \(ULog\): pip install 'vio_eval_ros\[px4\]'"):
         read_sources(['/vehicle_odometry'], log)
+
+
+def test_two_streams_of_one_name_are_refused(tmp_path):
+    streams = [('vehicle_odometry', 0, [odometry_row(k) for k in range(COUNT)])] * 2
+    log = write_log(tmp_path / 'flight.ulg', *streams)
+    with pytest.raises(ReadError, match='two streams of the log have this name'):
+        read_sources([f'{log}:/vehicle_odometry[0]'])

@@ -9,13 +9,19 @@ from vio_eval_ros.recordings.headerless import unit_windows, used_columns
 from vio_eval_ros.recordings.text import TextFile
 
 CONVENTION = 't,x,y,z,qx,qy,qz,qw'
-MOST_LISTED = 12
+#: names that a message lists, and characters of each that it shows
+MOST_LISTED, LONGEST_SHOWN = 12, 60
 
 
 def listed(file: TextFile) -> str:
     """Return the names in a header, not too many of them."""
-    names = [name or "''" for name in file.names or ()]
-    return ', '.join(names[:MOST_LISTED]) + ', ...' * (len(names) > MOST_LISTED)
+    names = file.names or ()
+    return ', '.join(map(shown, names[:MOST_LISTED])) + ', ...' * (len(names) > MOST_LISTED)
+
+
+def shown(name: str) -> str:
+    """Return a name as messages show it, cut off where it is long."""
+    return name[:LONGEST_SHOWN] + '...' * (len(name) > LONGEST_SHOWN) or "''"
 
 
 def numbers(columns: Sequence[int]) -> str:

@@ -26,7 +26,7 @@ MARKS = {
     codecs.BOM_UTF16_LE: 'utf-16',
     codecs.BOM_UTF16_BE: 'utf-16',
 }
-_NUMBER = re.compile(rb'[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?')
+_NUMBER = re.compile(rb'[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?')
 _QUOTED = re.compile(rb'"([^"\n]*)"')
 _QUOTED_ONCE = re.compile(rb"'(\s*%s\s*)'" % _NUMBER.pattern)
 _DECIMAL_COMMA = re.compile(rb'[-+]?\d+,\d+(?:[eE][-+]?\d+)?')

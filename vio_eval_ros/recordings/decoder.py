@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from functools import cached_property
+from functools import cache, cached_property
 import json
 from types import SimpleNamespace
 from typing import Any
@@ -72,7 +72,8 @@ class Decoder:
         self.is_known = self.msgtype in types.fielddefs
         _, fields = types.fielddefs.get(self.msgtype, ((), []))
         self.has_header = bool(fields) and fields[0][1] == (Nodetype.NAME, HEADER)
-        self._fields = lambda name: _fields_of(types, name)
+        # a definition that nests its types asks for the fields of each of them again and again
+        self._fields = cache(lambda name: _fields_of(types, name))
 
     @cached_property
     def converter(self) -> Converter | ArrayConverter:
@@ -93,8 +94,8 @@ class Decoder:
         if not self.is_known:
             raise UnsupportedMessage(
                 self.source,
-                f'{self.msgtype} is not read (json): of JSON, foxglove.PoseInFrame, '
-                'foxglove.FrameTransform and messages with the type names of ROS are',
+                f'{self.msgtype} is not read (json): in JSON only foxglove.PoseInFrame, '
+                'foxglove.FrameTransform and message types of ROS are; publish it as one of them',
             )
         try:
             return converter_of(self.source, self.msgtype, self._fields)

@@ -106,7 +106,7 @@ FOREIGN = (
         'body as csv',
     ),
     _kind(rb'HIERARCHY', 'a BVH file of a skeleton; export the rigid body as csv'),
-    _kind(rb'[\x01-\x0a]\x50', 'C3D; export the rigid body as csv'),
+    _kind(rb'[\x01-\x08]\x50', 'C3D; export the rigid body as csv'),
 )
 
 

@@ -8,7 +8,7 @@ import re
 import numpy as np
 
 from vio_eval_ros.errors import ReadError
-from vio_eval_ros.recordings.advice import advice, listed, statement_of
+from vio_eval_ros.recordings.advice import advice, listed, shown, statement_of
 from vio_eval_ros.recordings.columns import (
     are_north_east_down,
     Column,
@@ -90,7 +90,9 @@ def without_repeats(file: TextFile, columns: list[Column]) -> list[Column]:
         elif column.role in found and column.role != LEFT_OUT:
             _check_one_pose(file, columns)
             names = file.names or ()
-            both = ' and '.join(f'{k + 1} ({names[k]})' for k in (found[column.role], place))
+            both = ' and '.join(
+                f'{k + 1} ({shown(names[k])})' for k in (found[column.role], place)
+            )
             raise ReadError(
                 file.path,
                 f'columns {both} may both be {column.role}; state which is meant'

@@ -93,8 +93,8 @@ def _lines(data: bytes, start: int = 0) -> Iterator[tuple[list[str], int]]:
 
 
 VICON_SECTION = (
-    rb'(?m)^[ \t\r]*(Objects|Segments|Trajectories|Joints|Model Outputs|Devices)[,;\t]*\s*\n'
-    rb'\s*\d+\.?\d*[,;\t]*\s*\n'
+    rb'(?m)^[ \t\r]*(Objects|Segments|Trajectories|Joints|Model Outputs|Devices)'
+    rb'(?:[,; \t\r]*\n)+[ \t\r]*\d+(?:\.\d*)?[,; \t\r]*\n'
 )
 VICON_AXES = (('TX', 'TY', 'TZ'), ('X', 'Y', 'Z'))
 
@@ -268,7 +268,7 @@ def _qualisys(path: Path, data: bytes) -> Export:
     start = 0
     lines = _lines(data)
     for cells, end in islice(lines, LONGEST_PREAMBLE):
-        if re.fullmatch(r'-?\d+\.?\d*', cells[0]):
+        if re.fullmatch(r'-?\d+(?:\.\d*)?', cells[0]):
             break
         facts.setdefault(cells[0], [cell for cell in cells[1:] if cell])
         start = end
@@ -302,4 +302,4 @@ def _qualisys(path: Path, data: bytes) -> Export:
 
 def _number(text: str) -> float | None:
     """Return a number greater than zero, or None."""
-    return float(text) if re.fullmatch(r'\d+\.?\d*', text) and float(text) > 0 else None
+    return float(text) if re.fullmatch(r'\d+(?:\.\d*)?', text) and float(text) > 0 else None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 from vio_eval_ros.errors import ReadError
@@ -39,6 +40,7 @@ def message_class(source: str, channel: Channel) -> tuple[Any, Fields]:
     texts = (FieldDescriptor.TYPE_STRING, FieldDescriptor.TYPE_BYTES)
     known = {descriptor.full_name: descriptor}
 
+    @cache
     def fields(name: str) -> Mapping[str, Field]:
         if name not in known:
             return {}

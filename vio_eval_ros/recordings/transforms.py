@@ -275,12 +275,12 @@ class TransformTree:
     def _chain(self, source: str, parent: str, child: str) -> tuple[list[Link], dict[Edge, Poses]]:
         """Return the links from one frame to the other, and the static ones among them."""
         static: dict[Edge, Samples] = {}
-        reached: list[str] = []
+        reached: dict[str, Link | None] = {}
         for name in self._static or ('',):
             static = {**self._static.get(name, {}), **static}
-            chains = _chains([*self._dynamic, *static], parent)
-            if child in chains:
-                chain = chains[child]
+            reached = _reached([*self._dynamic, *static], parent)
+            if child in reached:
+                chain = _links_to(child, reached)
                 if not f'{self._topic}_static'.endswith(name):  # of another name or namespace
                     self.warnings.append(f'{source}: the static transforms are those of {name}')
                 fixed = {edge: static[edge].poses() for edge, _ in chain if edge in static}
@@ -291,13 +291,12 @@ class TransformTree:
                     if _changes(samples)
                 ]
                 return chain, fixed
-            reached = list(chains)
-        others = list(_chains([*self._dynamic, *static], child))
+        others = _reached([*self._dynamic, *static], child)
         raise ReadError(
             source,
             f'no transforms connect the two: {parent} is connected with {_rest(parent, reached)} '
             f'and {child} with {_rest(child, others)}, but the one between these is missing'
-            f'{self._without_static()}{_alike(reached, others)}',
+            f'{self._without_static()}{_alike([*reached], [*others])}',
         )
 
     def _without_static(self) -> str:
@@ -321,21 +320,31 @@ def static_topics(topic: str, names: Iterable[str]) -> list[str]:
     return sorted((n for n in names if 'static' in n.rpartition('/')[2].lower()), key=distance)
 
 
-def _chains(edges: Iterable[Edge], frame: str) -> dict[str, list[Link]]:
-    """Return the chain of fewest links from a frame to each that it is connected with."""
+def _reached(edges: Iterable[Edge], frame: str) -> dict[str, Link | None]:
+    """Return the frames that one is connected with, each with the last of the fewest links."""
     neighbours = defaultdict(list)
     for edge in edges:
         neighbours[edge[0]].append((edge[1], edge, True))
         neighbours[edge[1]].append((edge[0], edge, False))
-    chains: dict[str, list[Link]] = {frame: []}
+    reached: dict[str, Link | None] = {frame: None}
     queue = deque([frame])
     while queue:
         frame = queue.popleft()
         for neighbour, edge, forward in neighbours[frame]:
-            if neighbour not in chains:
-                chains[neighbour] = [*chains[frame], (edge, forward)]
+            if neighbour not in reached:
+                reached[neighbour] = edge, forward
                 queue.append(neighbour)
-    return chains
+    return reached
+
+
+def _links_to(frame: str, reached: Mapping[str, Link | None]) -> list[Link]:
+    """Return the links on the way to a frame."""
+    links = []
+    while link := reached[frame]:
+        links.append(link)
+        (parent, child), forward = link
+        frame = parent if forward else child
+    return links[::-1]
 
 
 def _changes(poses: Poses) -> int:

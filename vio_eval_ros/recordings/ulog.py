@@ -143,6 +143,8 @@ class Ulog:
         if name not in found and only not in found:
             raise ReadError(source, f'there is no such topic with poses; {self.choice()}')
         one = found.get(name) or found[only]
+        if sum(each.name == one.name for each in self._all()) > 1:
+            raise ReadError(source, 'two streams of the log have this name; log it once')
         with reading(self.path):
             return one.poses(source, stated == 'stamps=recorded')
 
@@ -179,7 +181,7 @@ def _logged_in(path: Path, warnings: list[str]) -> list[Logged]:
         if kind is not None:
             instance = f'[{data.multi_id}]' * (instances[data.name] > 1)
             found.append(Logged(f'/{data.name}{instance}', kind, columns))
-    return sorted(found)
+    return sorted(found, key=lambda one: one.name)
 
 
 def _as_message(columns: Mapping[str, np.ndarray]) -> Any:
