@@ -91,6 +91,15 @@ def test_matrices_by_columns_are_told_from_those_by_rows(path, is_named):
         assert not stated.warnings
 
 
+def test_angles_without_names_are_asked_for(path):
+    spec = write(path, '', ROLL_PITCH_YAW)
+    path.write_text(path.read_text().lstrip())
+    with pytest.raises(ReadError, match=r'append \?columns=t,x,y,z,roll_rad,pitch_rad,yaw_rad \('):
+        evaluate(spec, TRUTH)
+    result = evaluate(f'{spec}?columns=t,x,y,z,roll_rad,pitch_rad,yaw_rad', TRUTH)
+    assert result.metrics['ate_rot_rmse_deg'] == pytest.approx(0, abs=1e-4)
+
+
 def test_q0_is_the_real_part_where_nothing_shows_otherwise(path):
     result = evaluate(write(path, 't,x,y,z,q0,q1,q2,q3', ROTATIONS[:, [3, 0, 1, 2]]), TRUTH)
     assert result.metrics['ate_rot_rmse_deg'] == pytest.approx(0, abs=1e-4)

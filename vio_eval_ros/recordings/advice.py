@@ -11,6 +11,7 @@ from vio_eval_ros.recordings.text import TextFile
 CONVENTION = 't,x,y,z,qx,qy,qz,qw'
 #: names that a message lists, and characters of each that it shows
 MOST_LISTED, LONGEST_SHOWN = 12, 60
+ANGLES = 't,x,y,z,roll_rad,pitch_rad,yaw_rad'
 
 
 def listed(file: TextFile) -> str:
@@ -57,6 +58,11 @@ def advice(file: TextFile) -> str:
         return (
             f'; columns {numbers(window)} have unit length, as a quaternion has'
             f'{statement_of(columns)} (or qw,qx,qy,qz in place of qx,qy,qz,qw)'
+        )
+    if len(used) == len(ANGLES.split(',')):
+        return (
+            f'; if they are stamp, position and angles, append ?columns={ANGLES} (or _deg for '
+            '_rad, and in the order that they have)'
         )
     return (
         f'; say what each column is, such as ?columns={CONVENTION} (roll,pitch,yaw and r11 to '

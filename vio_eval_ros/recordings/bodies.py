@@ -11,6 +11,7 @@ import numpy as np
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.rotation import lengths
 from vio_eval_ros.errors import ConfigError, ReadError
+from vio_eval_ros.recordings.advice import shown
 from vio_eval_ros.recordings.columns import GEODETIC, Layout, LEFT_OUT, POSITION, STAMPS
 from vio_eval_ros.recordings.rows import as_text, Decimals, Rows
 from vio_eval_ros.recordings.text import TextFile
@@ -85,7 +86,7 @@ def _named(file: TextFile, column: int) -> str:
 
 
 def _shown(names: list[str]) -> str:
-    return ', '.join(names[:MOST_LISTED]) + ', ...' * (len(names) > MOST_LISTED)
+    return ', '.join(map(shown, names[:MOST_LISTED])) + ', ...' * (len(names) > MOST_LISTED)
 
 
 def _candidates(file: TextFile, layout: Layout) -> Iterable[_Bodies]:

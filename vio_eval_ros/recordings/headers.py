@@ -123,11 +123,11 @@ def _check_one_pose(file: TextFile, columns: Sequence[Column]) -> None:
             own = [k for k in stamps if k in groups[key]]
             kept = {*groups[key], *([] if own else shared)}
             meant = [c if k in kept else Column(LEFT_OUT) for k, c in enumerate(columns)]
-            ways.append(f'{statement_of(meant).removeprefix(": append ")} for {key}')
+            ways.append(f'{statement_of(meant).removeprefix(": append ")} for {shown(key)}')
         raise ReadError(
             file.path,
-            f'its header names columns of several bodies ({", ".join(bodies)}); append '
-            f'{" or ".join(ways)}',
+            f'its header names columns of several bodies ({", ".join(map(shown, bodies))}); '
+            f'append {" or ".join(ways)}',
         )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.errors import ReadError
-from vio_eval_ros.recordings.advice import advice, numbers, statement_of
+from vio_eval_ros.recordings.advice import advice, MOST_LISTED, numbers, shown, statement_of
 from vio_eval_ros.recordings.columns import (
     Column,
     COUNTED_QUATERNION,
@@ -102,8 +102,9 @@ def _note_unused(file: TextFile, layout: Layout, notes: list[str]) -> None:
         if column.role == LEFT_OUT and sounds_like_a_turn(name)
     ]
     if unused:
+        names = ', '.join(map(shown, unused[:MOST_LISTED]))
         notes.append(
-            f'{file.path}: positions only; what its columns {", ".join(unused)} are is not known, '
+            f'{file.path}: positions only; what its columns {names} are is not known, '
             'and they are left out; if they are an orientation, state the columns, such as '
             '?columns=t,x,y,z,roll_deg,pitch_deg,yaw_deg'
         )
