@@ -8,6 +8,7 @@ import pytest
 
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings.geographic import east_north_up, of_columns, projected
+from vio_eval_ros.recordings.messages import adjustment_of
 from vio_eval_ros.recordings.sources import read_sources, Source
 
 # WGS 84: semi-major axis and squared eccentricity
@@ -73,6 +74,8 @@ def test_without_the_library_the_error_says_what_to_install(monkeypatch: pytest.
     monkeypatch.setitem(sys.modules, 'pymap3d', None)
     with pytest.raises(ConfigError, match=r"pip install 'vio_eval_ros\[geo\]'"):
         east_north_up(MUNICH[None])
+    with pytest.raises(ConfigError, match='pymap3d'):
+        adjustment_of('sensor_msgs/msg/NavSatFix')
 
 
 def test_columns_in_degrees_or_radians_are_projected_and_it_is_said():

@@ -206,3 +206,12 @@ def test_a_path_whose_poses_have_no_stamps_of_their_own_is_refused(stamps):
 def test_a_repeated_stamp_in_a_path_is_no_reason_to_refuse_it():
     merged = revised([([1], 0.0), ([1, 1], 0.0), ([1, 1, 2], 0.0)])
     assert merged.final().stamps_ns.tolist() == merged.causal().stamps_ns.tolist() == [1, 2]
+
+
+def test_a_stamp_beyond_all_time_counts_as_never_set():
+    message = Message(
+        timestamp=1, timestamp_sample=1 << 63, position=(1, 2, 3), q=(1, 0, 0, 0), pose_frame=1
+    )
+    found = collect('px4_msgs/msg/VehicleOdometry', [message])
+    assert found.stamps_ns.tolist() == [0]
+    assert found.zero_is_unset

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -31,13 +32,7 @@ def east_north_up(
     :return: (N, 3) metres east, north and up, and (3,) the origin.
     :raises ConfigError: pymap3d is not installed.
     """
-    try:
-        from pymap3d import geodetic2enu
-    except ImportError:
-        raise ConfigError(
-            'latitude and longitude are made local metres (east, north, up) with pymap3d: pip '
-            "install 'vio_eval_ros[geo]'"
-        ) from None
+    geodetic2enu = _geodetic2enu()
     places = are_places(geodetic)
     positions = np.full(geodetic.shape, np.nan)
     if origin is None:
@@ -47,10 +42,27 @@ def east_north_up(
     return positions, origin
 
 
+def _geodetic2enu() -> Callable[..., tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """Return the function of pymap3d."""
+    try:
+        from pymap3d import geodetic2enu
+    except ImportError:
+        raise ConfigError(
+            'latitude and longitude are made local metres (east, north, up) with pymap3d: pip '
+            "install 'vio_eval_ros[geo]'"
+        ) from None
+    return geodetic2enu  # type: ignore[no-any-return]
+
+
 class Projection:
-    """Projects the positions of a stream, part by part, around its first place."""
+    """
+    Projects the positions of a stream, part by part, around its first place.
+
+    :raises ConfigError: pymap3d is not installed; at once, not when a first message comes.
+    """
 
     def __init__(self, parts: str = 'messages') -> None:
+        _geodetic2enu()
         self._parts = parts
         self._origin: np.ndarray | None = None
         self._count = self._nowhere = 0

@@ -20,6 +20,7 @@ PACKAGE = 'px4_msgs/msg/Vehicle'
 ODOMETRY = tuple(f'{PACKAGE}{name}Odometry' for name in ('', 'Visual', 'Mocap'))
 LOCAL_POSITION = tuple(f'{PACKAGE}LocalPosition{name}' for name in ('', 'Groundtruth'))
 GLOBAL_POSITION = tuple(f'{PACKAGE}GlobalPosition{name}' for name in ('', 'Groundtruth'))
+LATEST_US = 1 << 53  # a later stamp is damaged
 NED, FRD = 1, 2  # the values of pose_frame; 0 is unknown
 HALF = np.sqrt(0.5)
 #: by frame of the world: the quaternion that turns it to point up, and what that does to x y z
@@ -31,8 +32,13 @@ BODY = np.array([1.0, 0.0, 0.0, 0.0])  # from forward, left, up to forward, righ
 
 
 def stamp_ns(message: Any) -> int:
-    """Return when the values of a message were measured, since the start of the autopilot."""
-    return int(message.timestamp_sample or message.timestamp) * 1000
+    """
+    Return when the values of a message were measured, since the start of the autopilot.
+
+    A time that no autopilot runs for is damaged; it is 0, as of stamps that were never set.
+    """
+    measured_us = int(message.timestamp_sample or message.timestamp)
+    return measured_us * 1000 if measured_us < LATEST_US else 0
 
 
 def odometry_numbers(message: Any) -> tuple[float, ...]:

@@ -22,7 +22,6 @@ from vio_eval_ros.recordings.storage_files import reading
 from vio_eval_ros.recordings.topic_poses import TopicPoses
 
 MAGIC = b'ULog\x01\x12\x35'
-LATEST_US = 1 << 53  # a later stamp is damaged
 ELEMENT = re.compile(r'(.*)\[([0-9]+)\]')
 
 
@@ -76,7 +75,7 @@ class Logged(NamedTuple):
         columns = self.columns
         sampled = getattr(columns, 'timestamp_sample', np.zeros(1, np.uint64))
         stamps = columns.timestamp if by_recording or not sampled.any() else sampled
-        if stamps.max(initial=0) > LATEST_US:
+        if stamps.max(initial=0) >= px4.LATEST_US:
             raise ReadError(source, 'is damaged: its stamps are beyond all time')
         adjust = adjustment_of(self.kind.msgtype)
         assert adjust is not None
