@@ -23,6 +23,7 @@ JUMPS = 3.0
 #: of the rows, the share that have the stamp of the row before, but of another body
 TOGETHER = 0.3
 MOST_LISTED = 8
+FIRST = 100  # rows that show of most columns that they name nothing
 
 
 class _Bodies(NamedTuple):
@@ -96,7 +97,7 @@ def _candidates(file: TextFile, layout: Layout) -> Iterable[_Bodies]:
         if meant.role not in (LEFT_OUT, 'frame'):
             continue
         cells = file.words.get(column, values[:, column])
-        if cells.dtype.kind == 'f' and not (np.isfinite(cells) & (cells % 1 == 0)).all():
+        if cells.dtype.kind == 'f' and not (_are_whole(cells[:FIRST]) and _are_whole(cells)):
             continue
         different, index = np.unique(cells, return_inverse=True)
         if 2 <= len(different) <= min(MOST_BODIES, len(values) / FEWEST_ROWS):
@@ -105,6 +106,10 @@ def _candidates(file: TextFile, layout: Layout) -> Iterable[_Bodies]:
                 for one in different.tolist()
             ]
             yield _Bodies(column, names, index)
+
+
+def _are_whole(numbers: np.ndarray) -> bool:
+    return bool((np.isfinite(numbers) & (numbers % 1 == 0)).all())
 
 
 def _take_turns(file: TextFile, layout: Layout, bodies: _Bodies) -> bool:

@@ -219,10 +219,8 @@ class _Parser(NamedTuple):
     def parse(self, block: bytes, width: int) -> tuple[Rows | None, list[np.ndarray]]:
         """Return the rows of a block, NaN in the columns of text, and the words there."""
         words = []
-        if self.separator in ',;':
+        if self.separator == ';':
             block = block.replace(b';', b',')
-            if not self.has_end and (b',\n' in block or b',\r\n' in block):
-                block = re.sub(rb',(?=\r?\n)', b',nan', block)
         if self.text:
             block = re.sub(rb'(?m)^[ \t]*[#%][^\n]*', b'', block)
             mark = self.separator.replace(';', ',').encode()
@@ -233,7 +231,13 @@ class _Parser(NamedTuple):
                 cell = re.compile(before + rb'(%s+)' % inside)
                 words.append(np.array([word for _, word in cell.findall(block)], bytes))
                 block = cell.sub(rb'\1nan', block)
-        return parse(block, width, self.stamps), words
+        try:
+            return parse(block, width, self.stamps), words
+        except BadRow:
+            if self.has_end or self.separator not in ',;':
+                raise
+        # a cell at the end of a row may be empty
+        return parse(re.sub(rb',(?=\r?\n|\Z)', b',nan', block), width, self.stamps), words
 
 
 def _rows(
