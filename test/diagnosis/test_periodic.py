@@ -105,3 +105,28 @@ def test_faults_of_a_run_in_laps_are_named(harm):
         ),
     }[harm]
     assert named(harmed, truth) == [name]
+
+
+def circling(radius_m: float) -> tuple[Trajectory, Trajectory]:
+    """Return a truth that turns as it goes round, evenly, and an estimate that drifts by cm."""
+    stamps_ns = np.arange(0, 90 * 10**9, 5 * 10**7)
+    angle = 2 * np.pi * stamps_ns / 12e9
+    points = radius_m * np.stack([np.cos(angle), np.sin(angle), 0 * angle], -1)
+    truth = Trajectory(stamps_ns, points, rotation.about_z(angle))
+    random = np.random.default_rng(3)
+    noise = random.normal(0, 3e-3, (2, len(angle), 3))
+    walk = np.cumsum(random.normal(0, 1.5e-3, points.shape), axis=0)
+    estimate = replace(
+        truth,
+        positions=points + walk + noise[0],
+        rotations=rotation.multiply(truth.rotations, rotation.from_rotation_vector(noise[1])),
+    )
+    return estimate, truth
+
+
+@pytest.mark.parametrize('radius_m', [3.0, 0.01])
+def test_an_even_circle_and_a_turn_on_the_spot_are_sound(radius_m):
+    found = diagnose(*circling(radius_m), CONFIG)
+    assert [cause.name for cause in found.causes] == []
+    assert not any('different moments' in one for one in found.warnings)
+    assert 'time_offset' in found.cannot_tell

@@ -103,7 +103,7 @@ def _of_measured(run: DiagnosedRun, measured: Measured, limits: DiagnosisLimits)
     if swapped:
         causes.insert(0, _without_measurement(SWAPPED_INPUTS, run, limits, confidence=swapped))
     scale = measured.correction.value(SCALE.name, 1.0)
-    if not causes and _is_unexplained(run, scale):
+    if not causes and _is_unexplained(run, scale, limits):
         causes = [_unexplained(run, limits)]
     return Diagnosis(
         causes=tuple(causes),
@@ -308,7 +308,7 @@ def _at_the_pace_of_truth(
 # -- errors without a cause ----------------------------------------------------------------------
 
 
-def _is_unexplained(run: DiagnosedRun, scale: float) -> bool:
+def _is_unexplained(run: DiagnosedRun, scale: float, limits: DiagnosisLimits) -> bool:
     """Return whether an estimate of one point would be nearly as good."""
     nothing = Correction(run.middle_ns)
     pairs = run.pairs(nothing)
@@ -317,7 +317,9 @@ def _is_unexplained(run: DiagnosedRun, scale: float) -> bool:
     path = pairs.ground_truth.positions
     spread_m = root_mean_square(lengths(path - path.mean(axis=0)))
     ate_m = run.errors(SCALE.undone(nothing, scale)).get(ATE, math.nan)
-    return ate_m > UNEXPLAINED_ATE_RATIO * spread_m
+    # of what turns on the spot, an estimate may drift a little
+    least_m = limits.moving_m if stays(run.truth, limits.still_m) else 0.0
+    return ate_m > max(UNEXPLAINED_ATE_RATIO * spread_m, least_m)
 
 
 def _unexplained(run: DiagnosedRun, limits: DiagnosisLimits) -> Cause:

@@ -103,7 +103,9 @@ def measure(run: Measuring) -> None:
     body = run.body = fit_body(pairs, sensor)
     lever = run.measured(LEVER_ARM, body.lever_length.value, body.lever_length.uncertainty)
     late = body.positions_late
-    contradict = run.run.oriented and late.significantly_beyond(run.limits.positions_late_s)
+    # orientations that do not show when they are of contradict nothing
+    least_s = max(run.limits.positions_late_s, run.lag.offset_uncertainty_s)
+    contradict = run.run.oriented and late.significantly_beyond(least_s)
     if run.findings['positions_late_s'] is None and contradict:
         run.findings['positions_late_s'] = late.value
     if run.findings['positions_late_s'] is not None:  # each fits other moments
