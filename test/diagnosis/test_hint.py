@@ -1,5 +1,6 @@
 """Figures that are suspicious come with their likely cause; healthy ones with nothing."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -18,14 +19,20 @@ ESTIMATE, TRUTH = FLIGHT.estimate, FLIGHT.ground_truth
 SPECS = {'estimate': 'my est.csv', 'ground_truth': 'gt.txt?stamps=ns'}
 
 
-def hinted(estimate: Trajectory, truth: Trajectory = TRUTH, **options: object) -> str | None:
+def hinted(
+    estimate: Trajectory,
+    truth: Trajectory = TRUTH,
+    specs: dict[str, str] = SPECS,
+    received: Callable[[], tuple[Trajectory, Trajectory]] | None = None,
+    **options: object,
+) -> str | None:
     config = EvaluationConfig(**options)
     evaluation = Evaluation(config)
     evaluation.add_ground_truth(truth)
     evaluation.add_estimate(estimate)
     evaluation.flush()
     summary = evaluation.summary()
-    return hint(summary.pairs, summary.metrics, config, SPECS)
+    return hint(summary.pairs, summary.metrics, config, specs, received)
 
 
 def with_rotations(rotations: np.ndarray) -> Trajectory:
@@ -97,3 +104,23 @@ def test_nothing_is_said_of_healthy_runs(seed):
 def test_nothing_is_said_of_a_few_pairs_or_of_two_unrelated_paths():
     assert hinted(ESTIMATE[:12]) is None
     assert hinted(ESTIMATE, periodic_run('lawnmower', 'spinning', 1).truth) is None
+
+
+def test_messages_and_arrays_are_not_told_to_state_an_order():
+    estimate, _ = FAULTS['quaternion_order']
+    for specs in ({'estimate': 'run.bag:/odom'}, {}):
+        line = hinted(estimate, specs=specs)
+        assert line is not None
+        assert line.startswith('likely cause: quaternion_order')
+        assert line.endswith('; diagnose says more')
+
+
+@pytest.mark.parametrize('oriented', [True, False])
+def test_clocks_that_are_seconds_apart_are_found_where_the_run_lasts_longer(oriented):
+    late = replace(ESTIMATE, stamps_ns=ESTIMATE.stamps_ns + 25 * 10**9)
+    late = late if oriented else replace(late, rotations=None)
+    line = hinted(late, received=lambda: (late, TRUTH))
+    assert line is not None
+    assert line.startswith('likely cause: time_offset of the estimate')
+    assert 'try --time-offset-s -25.0' in line or 'try --time-offset-s -24.9' in line
+    assert hinted(ESTIMATE, received=lambda: (ESTIMATE, TRUTH)) is None

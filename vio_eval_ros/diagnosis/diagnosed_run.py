@@ -75,7 +75,11 @@ class DiagnosedRun:
 
     @classmethod
     def received(
-        cls, estimate: Trajectory, truth: Trajectory, config: EvaluationConfig
+        cls,
+        estimate: Trajectory,
+        truth: Trajectory,
+        config: EvaluationConfig,
+        quick: bool = False,
     ) -> DiagnosedRun:
         """Return the run of two streams as they came: shifted, moved to the body and cropped."""
         truth = Preparation.of_ground_truth(config).apply(truth)
@@ -83,7 +87,7 @@ class DiagnosedRun:
         if len(truth) and (config.start_s or math.isfinite(config.end_s)):
             elapsed_s = (truth.stamps_ns - _together(truth).stamps_ns[0]) / 1e9
             truth = truth[(elapsed_s >= config.start_s) & (elapsed_s <= config.end_s)]
-        return cls(estimate, truth, config)
+        return cls(estimate, truth, config, quick)
 
     def of(self, estimate: Trajectory, truth: Trajectory) -> DiagnosedRun:
         """Return this run of other poses, made from its own."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 import math
 import shlex
 from typing import TYPE_CHECKING
@@ -14,9 +14,9 @@ from vio_eval_ros.core.alignment import Moments, SCALED_MODES, solve
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.metrics import position_errors
 from vio_eval_ros.core.statistics import root_mean_square
-from vio_eval_ros.core.trajectory import Pairs
+from vio_eval_ros.core.trajectory import Pairs, Trajectory
 from vio_eval_ros.errors import NoPairs
-from vio_eval_ros.recordings.spec import with_statement
+from vio_eval_ros.recordings.spec import Spec, STATEMENTS, with_statement
 
 if TYPE_CHECKING:
     from vio_eval_ros.diagnosis.report import Cause
@@ -31,6 +31,8 @@ ROTATED_DEG = 45.0
 FAR_SCALE = 1.25
 #: a cure leaves at most this share of the error
 CURED_SHARE = 0.5
+#: of the extent of the path, the error of what is another one
+OTHER_PATH_SHARE = 0.3
 #: a smaller error is not looked into
 SMALL_ERROR_M = 0.01
 #: causes that show in the orientations
@@ -44,6 +46,7 @@ def hint(
     metrics: Mapping[str, float],
     config: EvaluationConfig,
     specs: Mapping[str, str],
+    received: Callable[[], tuple[Trajectory, Trajectory]] | None = None,
 ) -> str | None:
     """
     Return the likely cause of figures that one cure would mend, and what to write to try it.
@@ -55,6 +58,8 @@ def hint(
     :param metrics: of them, by name.
     :param config: the options that have been applied to the pairs.
     :param specs: how ``estimate`` and ``ground_truth`` were named; empty of what has no name.
+    :param received: gives both sides as they came, in which poses may belong together that are not
+        pairs: clocks that are seconds apart, in a run that lasts longer.
     """
     pairs = pairs[:: -(-len(pairs) // MOST_PAIRS)] if len(pairs) else pairs
     if len(pairs) < FEWEST_PAIRS or not _is_suspicious(pairs, metrics, config):
@@ -65,7 +70,10 @@ def hint(
     from vio_eval_ros.diagnosis.warnings import SIDE_NAMES
 
     try:
-        run = DiagnosedRun(pairs.estimate, pairs.ground_truth, config, quick=True)
+        if received and not _are_one_path(pairs, metrics):
+            run = DiagnosedRun.received(*received(), config, quick=True)
+        else:
+            run = DiagnosedRun(pairs.estimate, pairs.ground_truth, config, quick=True)
         causes = diagnose_run(run).causes
     except NoPairs:
         return None
@@ -73,7 +81,8 @@ def hint(
     if not cures:
         return None
     cause = cures[0]
-    what = f'try {_command(cause, specs)}' if cause.flags else 'diagnose says more'
+    command = _command(cause, specs)
+    what = f'try {command}' if command else 'diagnose says more'
     return f'likely cause: {cause.name} of {SIDE_NAMES[cause.side]}: {cause.evidence}; {what}'
 
 
@@ -89,6 +98,13 @@ def _is_suspicious(pairs: Pairs, metrics: Mapping[str, float], config: Evaluatio
         if sim3_m < CURED_SHARE * se3_m > CURED_SHARE * SMALL_ERROR_M:
             return True
     return _follows_motion(pairs)
+
+
+def _are_one_path(pairs: Pairs, metrics: Mapping[str, float]) -> bool:
+    """Return whether the positions are of one run, whatever the scale."""
+    path = pairs.ground_truth.positions
+    extent_m = root_mean_square(rotation.lengths(path - path.mean(axis=0)))
+    return not metrics.get('ate_sim3_trans_rmse_m', math.nan) > OTHER_PATH_SHARE * extent_m
 
 
 def _follows_motion(pairs: Pairs) -> bool:
@@ -130,9 +146,16 @@ def _cures(cause: Cause, metrics: Mapping[str, float]) -> bool:
 
 
 def _command(cause: Cause, specs: Mapping[str, str]) -> str:
-    """Return the flags to add, with the whole spec of a side where its reading is wrong."""
-    stated = cause.flags[0].removeprefix('?')
-    if stated == cause.flags[0]:
+    """
+    Return the flags to add, with the whole spec of a side where its reading is wrong.
+
+    Nothing where no flag helps: arrays have no spec, and messages no order of quaternions.
+    """
+    stated = cause.flags[0].removeprefix('?') if cause.flags else ''
+    if not stated or stated == cause.flags[0]:
         return shlex.join(cause.flags)
-    joined = with_statement(specs.get(cause.side, ''), stated)
-    return f'{FLAGS_OF[cause.side]} {shlex.quote(joined)}'
+    spec = specs.get(cause.side, '')
+    kind = 'topic' if spec and Spec.parse(spec).topic else 'file'
+    if not spec or stated.partition('=')[0] not in STATEMENTS[kind]:
+        return ''
+    return f'{FLAGS_OF[cause.side]} {shlex.quote(with_statement(spec, stated))}'

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
+from vio_eval_ros.core.cleaning import clean, Cleaning
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.core.evaluation import Evaluation
+from vio_eval_ros.core.evaluation import Evaluation, Summary
 from vio_eval_ros.core.gates import Gate, judge
 from vio_eval_ros.core.orientations import why_positions_only
 from vio_eval_ros.core.preparation import Preparation
@@ -55,8 +56,7 @@ def score_run(
         raise NoPairs(associator.why_no_pairs())
     taken = assumed(estimate, truth)
     warnings = [*taken, *summary.warnings]
-    specs = {'estimate': estimate.spec, 'ground_truth': truth.spec}
-    if line := hint(summary.pairs, summary.metrics, config, specs):
+    if line := _likely_cause(summary, estimate, truth, config):
         warnings.append(line)
     if _are_same(estimate.poses, truth.poses):
         warnings.append('the estimate and the ground truth are the same')
@@ -82,6 +82,19 @@ def score_run(
         truth=_outline(config, truth, associator.ground_truth),
         assumed=taken,
     )
+
+
+def _likely_cause(
+    summary: Summary, estimate: Source, truth: Source, config: EvaluationConfig
+) -> str | None:
+    """Return a line on what makes suspicious figures so, if it is found."""
+    named = {'estimate': estimate, 'ground_truth': truth}
+    specs = {name: side.spec for name, side in named.items() if side.paths}
+
+    def received() -> tuple[Trajectory, Trajectory]:
+        return clean(estimate.poses, Cleaning()), clean(truth.poses, Cleaning())
+
+    return hint(summary.pairs, summary.metrics, config, specs, received)
 
 
 def _check_bodies(config: EvaluationConfig, estimate: Poses, truth: Poses) -> None:
