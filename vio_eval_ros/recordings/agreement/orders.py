@@ -60,24 +60,17 @@ def with_orders(sides: Sides, config: EvaluationConfig) -> Sides:
         _check_usual(sides, relations)
     settled = []
     for k, side in enumerate(sides):
-        note, taken = '', ways[k][0] if choice is None else ways[k][choice[k]]
-        if choice is not None and not taken.usual:
+        rule, note = ways[k][0], ''
+        taken = rule if choice is None else ways[k][choice[k]]
+        if choice is None:
+            if not rule.usual:
+                note = _undecided(side, NAMES[1 - k], comparable=bool(relations))
+        elif not taken.usual:
             shown = _shown(choice, k, relations=relations, other=NAMES[1 - k])
-            if side.readings:
-                spec = with_statement(side.spec, taken.statement)
-                note = (
-                    f'{side.spec}: read with {taken.statement}, {shown}; to state it, write {spec}'
-                )
-            else:
-                said = 'stated' if side.paths else 'the order of rotations'
-                what = ways[k][0].statement or 'the order of its quaternions'
-                said = said if ways[k][0].statement else 'given'
-                note = f'{side.spec}: {what} is {said}, but not {shown}'
-                taken = ways[k][0]
-        elif choice is not None and side.readings:
+            note = _departure(side, rule, taken, shown)
+            taken = taken if side.readings else rule  # what is stated is never changed
+        elif side.readings:
             note = _doubt(side, choice, k, relations=relations)
-        elif choice is None and not taken.usual:
-            note = _undecided(side, NAMES[1 - k], comparable=bool(relations))
         order = taken.order or side.order
         settled.append(noted(replace(side, poses=taken.poses, readings=(), order=order), note))
     return settled[0], settled[1]
@@ -234,6 +227,17 @@ def _check_usual(sides: Sides, relations: dict[Choice, _Relation]) -> None:
                     'is read otherwise; write '
                     f'{with_statement(side.spec, statement)}, or state both',
                 )
+
+
+def _departure(side: Source, rule: Reading, taken: Reading, shown: str) -> str:
+    """Return that a side is read against its rule, or that what is stated of it is doubtful."""
+    if side.readings:
+        spec = with_statement(side.spec, taken.statement)
+        return f'{side.spec}: read with {taken.statement}, {shown}; to state it, write {spec}'
+    if not rule.statement:
+        return f'{side.spec}: the order of its quaternions is given, but not {shown}'
+    said = 'stated' if side.paths else 'the order of rotations'
+    return f'{side.spec}: {rule.statement} is {said}, but not {shown}'
 
 
 def _shown(choice: Choice, k: int, *, relations: dict[Choice, _Relation], other: str) -> str:

@@ -188,7 +188,7 @@ def _refuse_frames(side: Source) -> NoReturn:
     numbers = ', '.join(str(stamp) for stamp in (side.stamps_ns[:3] // 10**9).tolist())
     raise ReadError(
         side.spec,
-        f'its stamps {numbers} ... are frame numbers, as it seems; write the time of each frame '
+        f'its stamps {numbers} ... look like frame numbers; write the time of each frame '
         'in seconds instead, or leave them out and give the times with --times FILE '
         f'(if they are seconds, {with_statement(side.spec, "stamps=s")})',
     )
