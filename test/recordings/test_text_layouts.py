@@ -232,8 +232,21 @@ def test_a_log_of_px4_counts_microseconds_and_has_w_first(path):
     path.write_text(header + '\n' + table(['us', 'sample', *W_FIRST[1:]], ',', us))
     source = read(path)
     assert source.stamps_ns[:2].tolist() == [4_999_000_000, 5_019_000_000]
-    assert angle_between(rotation.normalize(source.rotations), ROTATIONS).max() < 1e-7
-    assert 'north, east, down' in source.warnings[0]
+    # as its messages are: the world east, north, up, the body forward, left, up
+    half = np.sqrt(0.5)
+    turned = rotation.multiply(np.array([half, half, 0, 0]), rotation.normalize(ROTATIONS))
+    turned = rotation.multiply(turned, np.array([1.0, 0, 0, 0]))
+    assert angle_between(rotation.normalize(source.rotations), turned).max() < 1e-7
+    east_north_up = POSITIONS[:, [1, 0, 2]] * [1, 1, -1]
+    np.testing.assert_allclose(source.positions, east_north_up, atol=1e-6)
+    assert 'turned to east, north, up' in source.warnings[0]
+
+
+def test_the_world_of_a_log_of_px4_may_be_forward_right_down(path):
+    us = {**CELLS, 'us': [str(5_000_000 + 20_000 * k) for k in range(COUNT)], '2': ['2'] * COUNT}
+    header = 'timestamp,position[0],position[1],position[2],q[0],q[1],q[2],q[3],pose_frame'
+    path.write_text(header + '\n' + table(['us', *W_FIRST[1:], '2'], ',', us))
+    np.testing.assert_allclose(read(path).positions, POSITIONS * [1, -1, -1], atol=1e-6)
 
 
 @pytest.mark.parametrize('base', [0, 1])

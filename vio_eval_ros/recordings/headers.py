@@ -23,7 +23,6 @@ from vio_eval_ros.recordings.columns import (
     ORIENTATIONS,
     places,
     POSITION,
-    PX4_NAMES,
     QUATERNION,
     ROTATION_VECTOR,
     STAMPS,
@@ -58,11 +57,11 @@ def header_columns(file: TextFile, width: int, notes: list[str]) -> list[Column]
         columns = named_columns(names[-width:])
         if any(one.role == LEFT_OUT for one in columns):
             return _miscounted(file)
-    if (is_px4 := bool(PX4_NAMES.intersection(names))) or are_north_east_down(names):
+    if are_north_east_down(names):
         notes.append(
-            f'{file.path}: {"as PX4 writes them, " * is_px4}poses are in north, east, down, of a '
-            'body in forward, right, down; if the other source has z up, turn the body with '
-            '--estimate-to-body 0 0 0 1 0 0 0 (or --ground-truth-to-body)'
+            f'{file.path}: poses are in north, east, down, of a body in forward, right, down; if '
+            'the other source has z up, turn the body with --estimate-to-body 0 0 0 1 0 0 0 (or '
+            '--ground-truth-to-body)'
         )
     return columns
 

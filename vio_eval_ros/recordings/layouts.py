@@ -10,6 +10,7 @@ columns that are none were taken for what they are not, and the file is refused.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 import re
 from typing import NamedTuple
@@ -19,6 +20,7 @@ import numpy as np
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError, ReadError
+from vio_eval_ros.recordings import px4
 from vio_eval_ros.recordings.advice import advice, listed, numbers, statement_of
 from vio_eval_ros.recordings.bodies import of_one_body
 from vio_eval_ros.recordings.columns import (
@@ -36,6 +38,7 @@ from vio_eval_ros.recordings.columns import (
     places,
     POSITION,
     POSITION_COVARIANCE,
+    PX4_NAMES,
     QUATERNION,
     STAMPS,
     stated_columns,
@@ -110,8 +113,7 @@ def poses_of(
     positions[~np.isfinite(values[:, own]).all(axis=1)] = np.nan  # to be dropped, and counted
     turns = turns_of(file, layout, statements, notes)
     covariances = _covariances(file, layout, turns[0].rotations)
-    kind = 'euroc' if layout.is_euroc else 'tum'
-    return kind if layout.has_stamps else 'kitti', [
+    readings = [
         Reading(
             turn.statement,
             Poses(stamps_ns, positions, turn.rotations, covariances),
@@ -120,6 +122,27 @@ def poses_of(
         )
         for turn in turns
     ]
+    if layout.source == HEADER and PX4_NAMES.intersection(file.names or ()):
+        readings = _upright(file, readings, notes)
+    kind = 'euroc' if layout.is_euroc else 'tum'
+    return kind if layout.has_stamps else 'kitti', readings
+
+
+def _upright(file: TextFile, readings: list[Reading], notes: list[str]) -> list[Reading]:
+    """Return the readings of a log of PX4 with z up, as its messages are read."""
+    values, names = file.rows.values, list(file.names or ())
+    has_frame = 'pose_frame' in names and len(names) == values.shape[1]
+    frames = values[:, names.index('pose_frame')] if has_frame else np.full(len(values), px4.NED)
+    upright, turned = px4.Upright(), []
+    for reading in readings:
+        poses = reading.poses
+        parts = [poses.positions, poses.rotations, np.nan_to_num(frames)]
+        up = upright(np.column_stack([part for part in parts if part is not None]))
+        rotations = None if poses.rotations is None else up[:, 3:]
+        poses = replace(poses, positions=up[:, :3], rotations=rotations, covariances=None)
+        turned.append(reading._replace(poses=poses))
+    notes += [f'{file.path}: {note}' for note in upright.notes()]
+    return turned
 
 
 def _has_rule(file: TextFile, layout: Layout) -> bool:
