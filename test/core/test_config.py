@@ -160,6 +160,8 @@ def test_what_is_no_delta_is_refused(text):
 def test_a_mistyped_name_or_word_gets_the_nearest():
     with pytest.raises(ConfigError, match="unknown option 'aligment'; did you mean 'alignment'"):
         EvaluationConfig.from_mapping({'aligment': 'se3'})
+    with pytest.raises(ConfigError, match=r"'SE3' is not one of none, .*did you mean 'se3'"):
+        EvaluationConfig(alignment='SE3')
     with pytest.raises(ConfigError, match=r"'sim' is not one of none, .*did you mean 'sim3'"):
         EvaluationConfig(alignment='sim')
 

@@ -298,3 +298,18 @@ def test_what_is_not_there_is_an_error(tmp_path):
     for name in ('imu.csv', 'run.mcap'):
         with pytest.raises(ReadError, match=r'(?i)no such file'):
             read(tmp_path / name)
+
+
+def test_stamps_since_1970_show_their_unit_by_their_size_however_slow(tmp_path):
+    path = tmp_path / 'slow.csv'
+    path.write_text(''.join(f'{1_700_000_000 + 0.1 * k:.1f},1,2,3,4,5,6\n' for k in range(50)))
+    blocks = []
+    read_imu(path, None, lambda stamps_ns, _: blocks.append(stamps_ns))
+    assert np.diff(np.concatenate(blocks)).tolist() == [100_000_000] * 49
+
+
+def test_a_trajectory_without_a_header_is_no_imu(tmp_path):
+    path = tmp_path / 'est.txt'
+    path.write_text(''.join(f'{k / 10} 1 2 3 0 0 0 1\n' for k in range(50)))
+    with pytest.raises(ReadError, match='has 8 columns and no header that names them'):
+        read_imu(path, None, lambda *_: None)

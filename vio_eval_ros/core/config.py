@@ -192,7 +192,10 @@ def nearest_name(name: object, known: Any) -> str:
     """Return '; did you mean ...?' where a known name is close, else nothing."""
     import difflib
 
-    close = difflib.get_close_matches(str(name), list(known), n=1)
+    written, names = str(name).lower(), list(map(str, known))
+    begun = [one for one in names if len(written) > 3 and one.lower().startswith(written)]
+    same = [one for one in names if one.lower() == written]
+    close = same or begun or difflib.get_close_matches(str(name), names, n=1)
     return f"; did you mean '{close[0]}'?" if close else ''
 
 

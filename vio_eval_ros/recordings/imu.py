@@ -34,7 +34,8 @@ UNITS = {
     'gyro': {'rad/s': r'[\[(].*rad', 'deg/s': r'[\[(].*(deg|°|dps)'},
     'accel': {'m/s2': r'[\[(].*m */? *s', 'g': r'[\[(] *g *[\])]'},
 }
-LONGEST_STEP_S = 0.05  # between samples
+LONGEST_STEP_S, SLOWEST_STEP_S = 0.05, 1.0  # between samples of an IMU, and of a slow one
+EARLIEST_S, LATEST_S = 946_684_800, 4_102_444_800  # 2000 and 2100, since 1970
 NAMES = ('time', 'gx', 'gy', 'gz', 'ax', 'ay', 'az')
 
 # Takes stamps (N,) int64 ns and samples (N, 6): gyroscope x y z, accelerometer x y z.
@@ -146,11 +147,13 @@ class _Columns(NamedTuple):
     :param samples: the columns of gyroscope x y z and accelerometer x y z.
     :param stamps: the unit of the first column; None where it is not stated.
     :param units: of 'gyro' and 'accel', where they are stated.
+    :param in_header: whether a header names the columns.
     """
 
     samples: list[int]
     stamps: str | None
     units: dict[str, str]
+    in_header: bool = True
 
 
 def _read_csv(path: Path, sink: Sink, progress: Progress) -> ImuSource:
@@ -173,6 +176,12 @@ def _read_csv(path: Path, sink: Sink, progress: Progress) -> ImuSource:
                 width = rows.values.shape[1]
                 if width <= max(named.samples):
                     raise ReadError(path, f'has {width} columns; expected {", ".join(NAMES)}')
+                if not named.in_header and width > len(NAMES):
+                    raise ReadError(
+                        path,
+                        f'has {width} columns and no header that names them; the columns of an '
+                        f'IMU are {", ".join(NAMES)}: name them in a first line',
+                    )
                 unit = unit or _stamp_unit(rows.values[:, 0])
                 sink(rows.exact[0].nanoseconds(path, unit), rows.values[:, named.samples])
     except OSError as error:
@@ -207,7 +216,7 @@ def _named(path: Path, header: bytes) -> _Columns:
     last = header.decode(errors='replace').strip().rpartition('\n')[2].strip('#% \t\r').lower()
     names = [name.strip(' "') for name in re.split(r'[,;]' if ',' in last else r'\s+', last)]
     if len(names) < len(NAMES):
-        return _Columns(list(range(1, 7)), None, {})
+        return _Columns(list(range(1, 7)), None, {}, in_header=False)
     found = {
         (kind, bare[-1]): column
         for column, name in reversed(list(enumerate(names)))
@@ -231,10 +240,18 @@ def _named(path: Path, header: bytes) -> _Columns:
 
 
 def _stamp_unit(stamps: np.ndarray) -> str:
-    """Return the unit of stamps, given that an IMU has 20 to 20,000 samples per second."""
+    """
+    Return the unit of stamps.
+
+    Those since 1970 show it by their size; of others, an IMU has 20 to 20,000 samples per second.
+    """
     stride = min(len(stamps) // 8 + 1, 64)  # longer than bursts of equal stamps
     steps = np.abs(np.diff(stamps[::stride])) / stride
     step = np.median(steps) if len(steps) else 0.0
+    for unit in STAMP_UNITS:
+        since_1970 = EARLIEST_S <= np.median(stamps) / per_second(unit) < LATEST_S
+        if since_1970 and step <= SLOWEST_STEP_S * per_second(unit):
+            return unit
     return next(
         (unit for unit in STAMP_UNITS if step <= LONGEST_STEP_S * per_second(unit)),
         'ns',
