@@ -641,3 +641,46 @@ def test_every_body_has_an_example_here():
     assert {role for roles in BODIES.values() for role in roles.split()} <= {
         *CELLS, '_', 'q1', 'q2', 'q3', 'q4'
     }  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ('stated', 'missing'),
+    [
+        ('t,x,y,z,qx,qy,qz', 'qw'),
+        ('t,x,y,z,roll,pitch', 'yaw'),
+        ('t,x,y,z,_,yaw', 'roll, pitch'),
+        ('t,x,y,z,rx,ry', 'rz'),
+        ('t,x,y,z,r11,r12,r13,r21,r22,r23,r31,r32', 'r33'),
+    ],
+)
+def test_a_part_of_an_orientation_cannot_be_stated(path, stated, missing):
+    path.write_text(table([*TUM, *TUM], ','))
+    with pytest.raises(ConfigError, match=f'without {missing}; name all of it, or write _'):
+        read(path, f'?columns={stated}')
+
+
+@pytest.mark.parametrize('name', ['image_timestamp', 'sim_time', 'TimeOfArrival'])
+def test_other_times_beside_the_stamps_are_said(path, name):
+    other = {**CELLS, 'other': [f'{float(t) + 0.1:.6f}' for t in CELLS['t']]}
+    names = f'timestamp,{name},x,y,z,qx,qy,qz,qw\n'
+    path.write_text(names + table(['t', 'other', *TUM[1:]], ',', other))
+    source = read(path)
+    check(source)
+    assert f'those of {name}, 0.1 s apart, are left out' in source.warnings[0]
+    path.write_text(names + table(['t', 't', *TUM[1:]], ','))
+    assert read(path).warnings == ()
+
+
+def test_columns_of_an_axis_and_an_angle_are_said_to_be_left_out(path):
+    names = 'timestamp,x,y,z,axis_x,axis_y,axis_z,angle\n'
+    path.write_text(names + table([*TUM[:4], 'x', 'y', 'z', 'yaw'], ','))
+    source = read(path)
+    assert source.rotations is None
+    assert 'axis_x, axis_y, axis_z, angle' in source.warnings[0]
+
+
+def test_the_index_that_pandas_calls_unnamed_is_left_out(path):
+    names = 'Unnamed: 0,timestamp,x,y,z,qx,qy,qz,qw\n'
+    index = {**CELLS, 'index': [str(k) for k in range(COUNT)]}
+    path.write_text(names + table(['index', *TUM], ',', index))
+    check(read(path))

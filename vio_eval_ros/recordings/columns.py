@@ -142,7 +142,7 @@ SYNONYMS: dict[str, str] = {
 LETTERS = {('e', 'n', 'u'): ('east', 'north', 'up'), ('n', 'e', 'd'): ('north', 'east', 'down')}
 TURN_WORDS = frozenset(
     'q quat quaternion ori orient orientation rot rotation att attitude euler rpy roll pitch yaw '
-    'heading azimuth phi theta psi rvec rotvec'.split()
+    'heading azimuth phi theta psi rvec rotvec angle angles axis'.split()
 )
 RATE_WORDS = frozenset('rate rates vel velocity dot std sigma cov var err error'.split())
 # A header may name a vector by one word; how many columns that is.

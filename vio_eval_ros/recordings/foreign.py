@@ -91,7 +91,8 @@ FOREIGN = (
         'messages as `ros2 topic echo` prints them; echo them with --csv, or record a bag',
     ),
     _kind(
-        _TEXT + rb'(?:%YAML|---\s*\n|[A-Za-z_]\w*:\s*(?:\n\s*[-\w]|[-\d"\'\[{!&]))',
+        # pandas calls a column without a name "Unnamed: 0"
+        _TEXT + rb'(?!Unnamed: )(?:%YAML|---\s*\n|[A-Za-z_]\w*:\s*(?:\n\s*[-\w]|[-\d"\'\[{!&]))',
         f'YAML, such as a calibration; a trajectory has {TUM_ROWS}',
     ),
     _kind(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 import re
 
 import numpy as np
@@ -28,10 +28,13 @@ from vio_eval_ros.recordings.columns import (
     STAMPS,
 )
 from vio_eval_ros.recordings.headerless import unit_windows, used_columns
+from vio_eval_ros.recordings.rows import per_second
 from vio_eval_ros.recordings.text import TextFile
 
 #: of the steps between stamps, the share that goes up
 RISING_SHARE = 0.9
+#: how far apart [s] two columns of times are that are of one clock, and may both be meant
+LEAST_APART_S, MOST_APART_S = 1e-3, 100.0
 #: of the parts of a name
 LONGEST_PREFIX = 6
 #: of an orientation that is named in part, the others are missing
@@ -63,7 +66,30 @@ def header_columns(file: TextFile, width: int, notes: list[str]) -> list[Column]
             'the other source has z up, turn the body with --estimate-to-body 0 0 0 1 0 0 0 (or '
             '--ground-truth-to-body)'
         )
+    notes += _other_times(file, columns)
     return columns
+
+
+def _other_times(file: TextFile, columns: Sequence[Column]) -> Iterator[str]:
+    """Yield what is left out of times beside the stamps, on the same clock but not the same."""
+    stamp = next((k for k, column in enumerate(columns) if column.role == 't'), None)
+    names, values = file.names or (), file.rows.values
+    if stamp not in file.rows.exact or len(names) != len(columns):
+        return
+    scale = per_second(columns[stamp].unit or file.rows.exact[stamp].likely_unit)
+    for place, name in enumerate(names):
+        # of those that are known, the one that is meant has been taken
+        is_known = named_columns([name])[0].role != LEFT_OUT
+        if is_known or not re.search('time|stamp', name.lower()):
+            continue
+        between = values[:, place] - values[:, stamp]
+        apart_s = abs(float(np.median(between))) / scale
+        if LEAST_APART_S < apart_s < MOST_APART_S:
+            yield (
+                f'{file.path}: stamps are those of column {shown(names[stamp])}; those of '
+                f'{shown(name)}, {apart_s:.3g} s apart, are left out; to take them, state the '
+                'columns with ?columns='
+            )
 
 
 def _miscounted(file: TextFile) -> list[Column] | None:

@@ -9,7 +9,7 @@ columns that are none were taken for what they are not, and the file is refused.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 import re
@@ -35,6 +35,7 @@ from vio_eval_ros.recordings.columns import (
     named_columns,
     OPEN_QUATERNION,
     ORIENTATION_COVARIANCE,
+    ORIENTATIONS,
     places,
     POSITION,
     POSITION_COVARIANCE,
@@ -214,7 +215,23 @@ def _stated(file: TextFile, width: int, statements: dict[str, str]) -> tuple[Col
         raise ConfigError(
             f'{file.path}: columns= has no position; it needs x, y and z (or lat, lon and alt)'
         )
+    if missing := _missing_of_orientation(roles):
+        raise ConfigError(
+            f'{file.path}: columns= has a part of an orientation, without {", ".join(missing)}; '
+            'name all of it, or write _ for what is to be left out'
+        )
     return tuple([*columns, *[Column(LEFT_OUT)] * (width - len(columns))])
+
+
+def _missing_of_orientation(roles: Sequence[str]) -> list[str]:
+    """Return what an orientation lacks of which a part is there; nothing where one is whole."""
+    parts = [[role for role in one if role not in roles] for one in ORIENTATIONS]
+    begun = [
+        missing
+        for missing, one in zip(parts, ORIENTATIONS, strict=True)
+        if len(missing) < len(one)
+    ]
+    return min(begun, key=len, default=[])
 
 
 def _known(file: TextFile, is_euroc: bool, notes: list[str]) -> tuple[str, list[Column]]:
