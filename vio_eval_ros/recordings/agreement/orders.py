@@ -107,8 +107,13 @@ def _named_and_others(side: Source, named: Reading) -> tuple[Reading, ...]:
     rotations = side.poses.rotations
     if rotations is None or 'invert' in _statements(side):
         return (named,)
+    meant = {('xyzw', -1): 'wxyz', ('wxyz', 1): 'xyzw'}
     others = (
-        Reading('', replace(side.poses, rotations=np.roll(rotations, turn, axis=1)))
+        Reading(
+            '',
+            replace(side.poses, rotations=np.roll(rotations, turn, axis=1)),
+            order=meant.get((side.order, turn), ''),
+        )
         for turn in (1, -1)
     )
     return (named, *others)
@@ -235,7 +240,11 @@ def _departure(side: Source, rule: Reading, taken: Reading, shown: str) -> str:
         spec = with_statement(side.spec, taken.statement)
         return f'{side.spec}: read with {taken.statement}, {shown}; to state it, write {spec}'
     if not rule.statement:
-        return f'{side.spec}: the order of its quaternions is given, but not {shown}'
+        doubt = f'{side.spec}: the order of its quaternions is given, but not {shown}'
+        if not taken.order:
+            return doubt
+        spec = with_statement(side.spec, f'quaternion={taken.order}')
+        return f'{doubt}; to read it so, write {spec}'
     said = 'stated' if side.paths else 'the order of rotations'
     return f'{side.spec}: {rule.statement} is {said}, but not {shown}'
 
