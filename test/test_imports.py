@@ -31,11 +31,20 @@ LAYERS = {
     'inspection': {'core', 'recordings', 'rendering', 'settings'},
     'simulation': {'core', 'imu', 'rendering'},
     'evaluation': {'core', 'diagnosis', 'recordings'},
+    'comparison': {'core', 'evaluation', 'rendering'},
     'reports': {'core', 'evaluation', 'rendering'},
-    'scoring': {'core', 'evaluation', 'recordings', 'rendering', 'reports', 'settings'},
+    'scoring': {
+        'core',
+        'comparison',
+        'evaluation',
+        'recordings',
+        'rendering',
+        'reports',
+        'settings',
+    },
     'live': {'core', 'diagnosis', 'evaluation', 'recordings', 'rendering', 'reports'},
 }
-LAYERS['results'] = LAYERS['live'] | {'imu', 'inspection'}
+LAYERS['results'] = LAYERS['live'] | {'comparison', 'imu', 'inspection'}
 LAYERS['api'] = LAYERS['results'] | {'results'}
 SHELLS = {'ros', 'cli', '__main__', PACKAGE}
 ONLY_IN = {

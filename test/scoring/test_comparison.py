@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import bootstrap, permutation_test, trim_mean
 
+from vio_eval_ros.comparison.direction import worse_sign
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names
-from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.scoring import comparison
-from vio_eval_ros.scoring.comparison import compare, Distribution, Rule, worse_sign
+from vio_eval_ros.scoring.comparison import compare, Distribution, Rule
 
 ATE = Rule('ate_trans_rmse_m')
 BEFORE = [0.10, 0.11, 0.09, 0.105, 0.095]
@@ -91,20 +91,13 @@ def test_of_ratios_less_is_worse():
 
 def test_every_metric_is_worse_one_way_or_cannot_be_compared():
     config = EvaluationConfig(segment_lengths_m=(100,))
-    ways = {name: _way(name) for name in metric_names(config)}
+    ways = {name: worse_sign(name) for name in metric_names(config)}
     assert ways['ate_trans_rmse_m'] == ways['rpe_1s_rot_p95_deg'] == ways['drift_percent'] == 1
     assert ways['kitti_rot_deg_per_m'] == ways['loop_closure_gain'] == 1
     assert ways['coverage_ratio'] == ways['matched_ratio'] == -1
     neither = {name for name, way in ways.items() if way == 0}
     assert {'sim3_scale', 'path_length_m', 'nees_position_mean', 'rpe_1f_pairs'} <= neither
     assert not any('_trans_' in name or '_rot_' in name for name in neither)
-
-
-def _way(metric: str) -> int:
-    try:
-        return worse_sign(metric)
-    except ConfigError:
-        return 0
 
 
 def test_no_number_any_more_is_worse_and_no_number_yet_is_not():

@@ -18,6 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from vio_eval_ros.comparison.direction import worse_sign
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.settings import finite
 
@@ -29,18 +30,6 @@ TRIMMED = 0.2
 DEFAULT_P = 0.05
 #: stands in for the value of a run without one, in multiples of the largest known value
 MISSING_VALUE = 1e3
-HIGHER_IS_BETTER = ('coverage_ratio', 'tracked_ratio', 'matched_ratio')
-LOWER_IS_BETTER = (
-    '_m',
-    '_deg',
-    '_percent',
-    '_deg_per_m',
-    'ate_extent_ratio',
-    'loop_closure_gain',
-    'initialisation_s',
-)
-#: in spite of their unit, neither more nor less of these is worse
-NEITHER = ('path_length_m',)
 
 
 class Rule(NamedTuple):
@@ -71,17 +60,9 @@ class Rule(NamedTuple):
                 raise ConfigError(
                     f"compare {metric}: {name}: '{limits[name]}' is not a {expected}"
                 )
-        worse_sign(metric)
+        if not worse_sign(metric):
+            raise ConfigError(f'compare {metric}: neither a higher nor a lower value is worse')
         return cls(metric, **numbers)
-
-
-def worse_sign(metric: str) -> int:
-    """Return 1 where a higher value of a metric is worse, -1 where a lower one is."""
-    if metric in HIGHER_IS_BETTER:
-        return -1
-    if metric.endswith(LOWER_IS_BETTER) and metric not in NEITHER:
-        return 1
-    raise ConfigError(f'compare {metric}: neither a higher nor a lower value is worse')
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ from functools import cached_property
 import math
 from typing import Any
 
+from vio_eval_ros.comparison.matrix import Cell, CellRun, Matrix, METRICS
 from vio_eval_ros.core.gates import judge, Verdict
 from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.evaluation.result import Result
@@ -49,6 +50,12 @@ class RunResult:
             'success': self.succeeded(sequence),
             'success_gates': [verdict.to_dict() for verdict in self._success(sequence)],
         }
+
+    def compared(self, sequence: Sequence) -> CellRun:
+        """Return the run as a comparison of systems takes it."""
+        if self.result is None:
+            return CellRun(self.run.name, None, self.error)
+        return CellRun.of(self.run.name, self.result, sequence.success_gates)
 
     def _success(self, sequence: Sequence) -> list[Verdict]:
         assert self.result is not None
@@ -188,6 +195,17 @@ class SuiteResult:
     def verdict(self) -> str:
         """Pass or fail, as results have it."""
         return 'pass' if self.passed else 'fail'
+
+    def matrix(self, metrics: Iterable[str] = METRICS) -> Matrix:
+        """Return the sequences x systems; the only system of a suite without any has no name."""
+        cells = {
+            (one.sequence.name, one.sequence.system): Cell(
+                tuple(run.compared(one.sequence) for run in one.runs)
+            )
+            for one in self.sequences
+        }
+        sequences, systems = (tuple(dict.fromkeys(names)) for names in zip(*cells, strict=True))
+        return Matrix(sequences, systems, tuple(metrics), cells)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as schema ``vio_eval_ros.suite/1`` has it: no NaN, but None."""

@@ -66,6 +66,7 @@ class Sequence:
     :param stack: what produced the estimates, and ``calibration`` with which files, for the
         manifest.
     :param times: the stamps of KITTI poses.
+    :param system: of which these are the runs; empty in a suite of only one.
     """
 
     name: str
@@ -81,6 +82,12 @@ class Sequence:
     stack: Mapping[str, Any] = field(default_factory=dict)
     calibration: tuple[Path, ...] = ()
     times: Path | None = None
+    system: str = ''
+
+    @property
+    def title(self) -> str:
+        """The name of the sequence and, where there are several, of the system."""
+        return f'{self.name}/{self.system}' if self.system else self.name
 
     @property
     def paths(self) -> Iterator[Path]:

@@ -1,0 +1,1 @@
+"""Many systems on the same sequences: a matrix, and what can be said of their differences."""

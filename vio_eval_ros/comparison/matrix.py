@@ -1,0 +1,256 @@
+"""
+Sequences x systems x metrics: one value of each, which of them are best, mean and rank.
+
+A failed run never disappears: it counts as worse than any value. So the value of a cell is the
+median over all its runs; where half of them or more have failed, there is no such median, and the
+cell has failed: what numbers it has are shown, but take no part in best, mean and rank.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from vio_eval_ros.comparison.direction import worse_sign
+from vio_eval_ros.core.gates import Gate, judge
+from vio_eval_ros.evaluation.result import Result, SUCCESS_GATES
+
+#: shown of a value whose runs do not tell how far it is certain
+SIGNIFICANT_DIGITS = 3
+MOST_DECIMALS = 6
+#: compared where nobody chooses
+METRICS = (
+    'ate_trans_rmse_m', 'ate_rot_rmse_deg', 'rpe_1s_trans_rmse_m', 'rpe_1s_rot_rmse_deg',
+)  # fmt: skip
+
+
+class CellRun(NamedTuple):
+    """
+    One run of a system on a sequence.
+
+    :param name: as the user named its estimate.
+    :param result: None where it could not be scored.
+    :param failure: why it could not, or why it is no success; empty for a success.
+    """
+
+    name: str
+    result: Result | None
+    failure: str = ''
+
+    @classmethod
+    def of(cls, name: str, result: Result, gates: Sequence[Gate] = SUCCESS_GATES) -> CellRun:
+        """Return a run that was scored; the gates say what a success is."""
+        broken = [one for one in judge(gates, result.summary.metrics) if not one.passed]
+        why = ' and '.join(f'{one.gate.metric} is {one.value:.3g}' for one in broken)
+        return cls(name, result, why)
+
+
+@dataclass(frozen=True, eq=False)
+class Cell:
+    """All runs of one system on one sequence; ``runs`` is never empty."""
+
+    runs: tuple[CellRun, ...]
+
+    @property
+    def results(self) -> tuple[Result, ...]:
+        """The results of the runs that were scored, successes or not."""
+        return tuple(run.result for run in self.runs if run.result is not None)
+
+    def values(self, metric: str) -> tuple[float, ...]:
+        """Return a metric of each run; NaN where it has none."""
+        return tuple(
+            math.nan if run.result is None else run.result.summary.metrics.get(metric, math.nan)
+            for run in self.runs
+        )
+
+    def successes(self, metric: str) -> tuple[float, ...]:
+        """Return a metric of the successful runs that have it."""
+        found = zip(self.runs, self.values(metric), strict=True)
+        return tuple(value for run, value in found if not run.failure and math.isfinite(value))
+
+    def stands(self, metric: str) -> bool:
+        """Return whether more than half of the runs are successes with a value."""
+        return 2 * len(self.successes(metric)) > len(self.runs)
+
+    def value(self, metric: str) -> float:
+        """
+        Return the median over the runs, those without success counting as the worst.
+
+        Where half of them or more have failed, it is the median of what numbers there are; NaN
+        where there are none.
+        """
+        succeeded = self.successes(metric)
+        if self.stands(metric):
+            worst = (worse_sign(metric) or 1) * math.inf
+            failed = [worst] * (len(self.runs) - len(succeeded))
+            # in the middle are two values at most, finite since most are
+            return float(np.median([*succeeded, *failed]))
+        known = [value for value in self.values(metric) if math.isfinite(value)]
+        return float(np.median(known)) if known else math.nan
+
+    def standard_error(self, metric: str) -> float:
+        """Return the standard error of the mean of the successful runs; NaN of fewer than two."""
+        found = self.successes(metric)
+        return float(np.std(found, ddof=1) / math.sqrt(len(found))) if len(found) > 1 else math.nan
+
+    def failures(self, metric: str) -> Iterator[tuple[str, str]]:
+        """Yield the name of each run that does not count, and why."""
+        for run, value in zip(self.runs, self.values(metric), strict=True):
+            if run.failure:
+                yield run.name, run.failure
+            elif not math.isfinite(value):
+                yield run.name, f'has no {metric}'
+
+
+@dataclass(frozen=True, eq=False)
+class Matrix:
+    """
+    What several systems reached on several sequences.
+
+    :param sequences: names, in the order of the user; likewise ``systems`` and ``metrics``.
+    :param cells: by sequence and system; there is one for every pair of these.
+    :param notes: what one must know before comparing, such as unequal options.
+    """
+
+    sequences: tuple[str, ...]
+    systems: tuple[str, ...]
+    metrics: tuple[str, ...]
+    cells: Mapping[tuple[str, str], Cell]
+    notes: tuple[str, ...] = ()
+
+    @classmethod
+    def of_runs(
+        cls, runs: Mapping[str, CellRun], metrics: Sequence[str], sequence: str = ''
+    ) -> Matrix:
+        """Return the matrix of one run of each system on one sequence."""
+        cells = {(sequence, name): Cell((run,)) for name, run in runs.items()}
+        return cls((sequence,), tuple(runs), tuple(metrics), cells)
+
+    def cell(self, sequence: str, system: str) -> Cell:
+        """Return the runs of a system on a sequence."""
+        return self.cells[sequence, system]
+
+    def stands(self, metric: str, sequence: str, system: str) -> bool:
+        """Return whether a value takes part in best, mean and rank."""
+        return self.cell(sequence, system).stands(metric)
+
+    def rounded(self, metric: str, sequence: str, system: str) -> float:
+        """Return the value of a cell as it is shown; NaN where it has none."""
+        value = self.cell(sequence, system).value(metric)
+        return round(value, self.decimals(metric, sequence, system))
+
+    @cached_property
+    def _decimals(self) -> dict[str, int]:
+        return {metric: self._usual_decimals(metric) for metric in self.metrics}
+
+    def _usual_decimals(self, metric: str) -> int:
+        """Return the decimals that show the smallest value in three significant digits."""
+        found = (abs(cell.value(metric)) for cell in self.cells.values() if cell.stands(metric))
+        least = min((value for value in found if value), default=math.nan)
+        if math.isnan(least):
+            return SIGNIFICANT_DIGITS
+        return _clipped(SIGNIFICANT_DIGITS - 1 - math.floor(math.log10(least)))
+
+    def decimals(self, metric: str, sequence: str | None = None, system: str = '') -> int:
+        """
+        Return to how many decimals a value is shown.
+
+        Those of the metric are the same for all its values: they show the smallest one in three
+        significant digits. A value of repeated runs has no more of them than its standard error
+        supports: the last one is that of the error's first digit.
+
+        :param sequence: of a cell, with its system; None for the metric.
+        """
+        usual = self._decimals[metric]
+        error = (
+            math.nan if sequence is None else self.cell(sequence, system).standard_error(metric)
+        )
+        if not error > 0:  # unknown, or runs that are the same
+            return usual
+        return min(usual, _clipped(-math.floor(math.log10(error))))
+
+    def ranks(self, metric: str, sequence: str) -> dict[str, float]:
+        """
+        Return the rank of each system on a sequence, 1 for the best.
+
+        Systems that look the same as rounded share the mean of their ranks; those that failed
+        share the last ones. Empty where no system has a value, or neither more nor less is worse.
+        """
+        sign = worse_sign(metric)
+        badness = np.array(
+            [
+                sign * self.rounded(metric, sequence, name)
+                if self.stands(metric, sequence, name)
+                else math.inf
+                for name in self.systems
+            ]
+        )
+        if not sign or not np.isfinite(badness).any():
+            return {}
+        better = (badness[:, None] > badness).sum(axis=1)
+        equal = (badness[:, None] == badness).sum(axis=1)
+        return dict(zip(self.systems, (better + (1 + equal) / 2).tolist(), strict=True))
+
+    def best(self, metric: str, sequence: str) -> tuple[str, ...]:
+        """Return the best system on a sequence, or those that share the place; none of one."""
+        return self._placed(metric, sequence, 0)
+
+    def second(self, metric: str, sequence: str) -> tuple[str, ...]:
+        """Return the second best system, or those that share the place; none after two firsts."""
+        found = self._placed(metric, sequence, 1)
+        return found if len(self.best(metric, sequence)) == 1 else ()
+
+    def _placed(self, metric: str, sequence: str, place: int) -> tuple[str, ...]:
+        ranks = {
+            name: rank
+            for name, rank in self.ranks(metric, sequence).items()
+            if self.stands(metric, sequence, name)
+        }
+        places = sorted(set(ranks.values()))
+        if len(ranks) < 2 or len(places) <= place:
+            return ()
+        return tuple(name for name, rank in ranks.items() if rank == places[place])
+
+    def common(self, metric: str) -> tuple[str, ...]:
+        """Return the sequences on which every system stands, but for those that nowhere do."""
+        standing = [
+            name
+            for name in self.systems
+            if any(self.stands(metric, one, name) for one in self.sequences)
+        ]
+        return tuple(
+            one
+            for one in self.sequences
+            if standing and all(self.stands(metric, one, name) for name in standing)
+        )
+
+    def mean(self, metric: str, system: str) -> float:
+        """Return the mean over the common sequences; NaN where it nowhere stands."""
+        values = [
+            self.cell(one, system).value(metric)
+            for one in self.common(metric)
+            if self.stands(metric, one, system)
+        ]
+        return float(np.mean(values)) if values else math.nan
+
+    def mean_rank(self, metric: str, system: str) -> float:
+        """Return the mean rank over the sequences, failures included; NaN without any rank."""
+        ranks = [self.ranks(metric, one).get(system, math.nan) for one in self.sequences]
+        known = [rank for rank in ranks if not math.isnan(rank)]
+        return float(np.mean(known)) if known else math.nan
+
+    def failures(self) -> Iterator[tuple[str, str, str, str]]:
+        """Yield sequence, system, run and reason of each run that was no success."""
+        for (sequence, system), cell in self.cells.items():
+            for run in cell.runs:
+                if run.failure:
+                    yield sequence, system, run.name, run.failure
+
+
+def _clipped(decimals: int) -> int:
+    return min(max(decimals, 0), MOST_DECIMALS)
