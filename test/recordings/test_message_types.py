@@ -1,5 +1,7 @@
 """What people have as truth and estimate: arrays, fixes, autopilots, and types of their own."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -18,6 +20,7 @@ from recorded import (
 )
 from verbs import complaint, document
 from vio_eval_ros.errors import ConfigError, ReadError, UnsupportedMessage
+from vio_eval_ros.recordings.definitions import converter_of, Field, MOST_FIELDS, NUMBER
 from vio_eval_ros.recordings.geographic import east_north_up
 from vio_eval_ros.recordings.recording import Recording
 from vio_eval_ros.recordings.sources import default_topics, read_sources
@@ -560,6 +563,68 @@ def test_numbers_of_a_pose_may_lie_in_the_message_itself(tmp_path):
     fields = '\n'.join(f'float64 {name}' for name in ('qw', 'qx', 'qy', 'qz', 'x', 'y', 'z', 'vx'))
     path = own(tmp_path, fields, flat)
     assert_moving(read(path, '/own')[0])
+
+
+def of_types(types):
+    """Return the fields of types, and how often they were asked for."""
+    asked = []
+
+    def fields(name):
+        asked.append(name)
+        return types.get(name, {})
+
+    return fields, asked
+
+
+@pytest.mark.parametrize('depth', [2, 7])
+@pytest.mark.parametrize('lists', [0, 1, 2])
+def test_types_nested_in_each_other_are_refused_before_long(depth, lists):
+    # of which each nests many others, some of them in lists
+    types = {
+        f'T{i}': {f'f{j}': Field(f'T{(i * 7 + j) % 200}', lists * j % 2 == 1) for j in range(200)}
+        for i in range(200 if depth > 2 else 1)
+    }
+    fields, asked = of_types(types)
+    with pytest.raises(UnsupportedMessage, match='own: T0 is not read: ') as refused:
+        converter_of('own', 'T0', fields)
+    assert ('nests more than 10000 fields; publish its pose as' in str(refused.value)) == (
+        depth > 2
+    )
+    assert len(asked) < 2 * MOST_FIELDS
+
+
+def test_a_type_used_many_times_is_searched_once():
+    vector = {axis: Field(NUMBER) for axis in 'xyz'}
+    pose = {'position': Field('V'), 'orientation': Field('Q')}
+    types = {'V': vector, 'Q': {**vector, 'w': Field(NUMBER)}, 'P': pose}
+    types['Track'] = {'at': Field('P'), **{f'f{k}': Field(NUMBER) for k in range(50)}}
+    types['Tracks'] = {f'track_{k}': Field('Track') for k in range(100)}
+    fields, asked = of_types(types)
+    converter = converter_of('own', 'Tracks', fields)
+    assert 'the pose is track_0.at or track_1.at or' in converter.notes[0]
+    assert asked.count('Track') < 2 * len(types['Tracks'])
+    assert asked.count('Q') < 5
+
+
+def test_a_definition_that_contains_itself_has_an_end():
+    types = {'Node': {'next': Field('Node'), 'value': Field(NUMBER)}}
+    with pytest.raises(UnsupportedMessage, match='no field of it has a position'):
+        converter_of('own', 'Node', of_types(types)[0])
+
+
+@pytest.mark.parametrize('kind', ['mcap', 'ros1'])
+def test_a_recording_may_define_types_without_end(tmp_path, kind):
+    # each nests the one before it twenty times
+    names = ['std_msgs/msg/Header', *(f'my_msgs/msg/T{k}' for k in range(6))]
+    definitions = {
+        name: '\n'.join(f'{before} f{k}' for k in range(20)) for before, name in pairwise(names)
+    }
+    stream = Stream('/own', names[-1], [], definitions)
+    path = write(tmp_path / 'run', kind, odometry(), stream)
+    assert 'nests more than 10000 fields' in complaint(
+        'replay', path, '--estimate', '/own', '--ground-truth', '/vio/odometry'
+    )
+    assert_moving(read(path, '/vio/odometry')[0])
 
 
 def test_a_type_without_a_definition_is_not_read(tmp_path):
