@@ -26,6 +26,7 @@ from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.metrics import position_errors
 from vio_eval_ros.core.statistics import root_mean_square
 from vio_eval_ros.core.trajectory import Pairs, Trajectory
+from vio_eval_ros.evaluation.recorded import score_run
 from vio_eval_ros.recordings.sources import read_sources
 
 try:
@@ -42,6 +43,8 @@ except ImportError:
 
 PROJECT = Path(__file__).resolve().parents[1]
 DOCUMENT = PROJECT / 'docs' / 'accuracy.md'
+# What other tools computed for files whose quaternions had been brought to unit length.
+OTHER_TOOLS = PROJECT / 'benchmarks' / 'other_tools.json'
 DATA = Path(os.environ.get('VIO_EVAL_ROS_DATA', PROJECT.parent / 'shared' / 'data'))
 EVO_DATA = DATA / 'evo_test_data'
 V102 = (EVO_DATA / 'V102.txt', DATA / 'gt_euroc/vins_mono_asl_csv/V1_02_medium/data.csv')
@@ -306,6 +309,36 @@ def kitti() -> tuple[list[Figure], dict[str, str]]:
     }
 
 
+def preset_figures() -> dict[str, list[tuple[str, list[Figure]]]]:
+    """Return for each tool the names of runs with its figures beside those of its preset."""
+    found: dict[str, list[tuple[str, list[Figure]]]] = {}
+    for tool, recorded in json.loads(OTHER_TOOLS.read_text(encoding='utf-8')).items():
+        config = EvaluationConfig.from_mapping({'as': tool})
+        found[tool] = []
+        for run in recorded['runs']:
+            specs = [str(DATA / run[side]) for side in ('estimate', 'ground_truth')]
+            result = score_run(*read_sources(specs), config, hashed=False)
+            ours = {'pairs': len(result.summary.pairs)} | result.summary.metrics
+            found[tool].append((run['name'], side_by_side(run['figures'], ours)))
+    return found
+
+
+def preset_table(found: Mapping[str, Sequence[tuple[str, list[Figure]]]]) -> str:
+    """Return a row for each run of each tool."""
+    lines = [
+        '| tool | run | ATE [m] | ours | ATE [deg] | ours | figures | largest difference |',
+        '|---|---|---:|---:|---:|---:|---:|---:|',
+    ]
+    for tool, runs in found.items():
+        for name, figures in runs:
+            by_name = {figure.name: figure for figure in figures}
+            ate = [by_name[key] for key in ('ate_trans_rmse_m', 'ate_rot_rmse_deg')]
+            numbers = ' | '.join(f'{shown(one.theirs)} | {shown(one.ours)}' for one in ate)
+            largest = bound(max(figure.difference for figure in figures))
+            lines.append(f'| {tool} | {name} | {numbers} | {len(figures)} | {largest} |')
+    return '\n'.join(lines)
+
+
 def bound(difference: float) -> str:
     """Return a power of ten above a difference: its digits would be those of rounding."""
     above = max(math.floor(math.log10(difference)) + 1, -9) if difference else -9
@@ -352,7 +385,8 @@ def golden_table(rows: Sequence[tuple[Mapping[str, Any], list[Figure]]]) -> str:
 TEXT = """\
 # Accuracy against other tools
 
-Our figures on published runs beside those of evo 1.38.1 and of the KITTI odometry devkit. Written
+Our figures on published runs beside those of evo 1.38.1, of the KITTI odometry
+devkit, of rpg_trajectory_evaluation and of OpenVINS' ov_eval. Written
 by `python benchmarks/accuracy.py`, which fails where a figure differs by more than 1e-6 relative.
 Every difference is relative to the other tool.
 
@@ -399,6 +433,17 @@ Metres are along the ground truth again; along the estimate, its default, evo gi
 six digits. evo uses them as they are, `replay` turns them into unit quaternions. Hence the larger
 differences, and one of {kitti_origin} in the ATE under `origin`, which depends on a single matrix.
 
+## rpg_trajectory_evaluation and ov_eval
+
+With `--as rpg` and `--as ov_eval`, which are what the tools do by default. Their own code was
+run once on these files, and `benchmarks/other_tools.json` has what it computed: statistics of the
+ATE of position and rotation, and of the relative errors over 10 to 50 % of the path (rpg) or over
+8 to 40 m (ov_eval, medians). Quaternions in the files have few digits; the tools take them as they
+are, which changes rotations by up to 4e-5, and `replay` brings them to unit length. The tools were
+given files in which that had been done.
+
+{presets}
+
 ## Where the definitions differ, and why
 
 - **Equal stamps.** evo keeps all poses; here the first is kept and the others are counted.
@@ -424,6 +469,7 @@ def document() -> tuple[str, list[Figure]]:
     pairs = json.loads((DATA / 'golden.json').read_text(encoding='utf-8'))
     golden = [(pair, golden_figures(pair)) for pair in pairs]
     (cleaned, as_it_is, raw), fr1, (kitti_00, remarks) = v102(), freiburg(), kitti()
+    presets = preset_figures()
     text = TEXT.format(
         count=len(golden[0][1]),
         golden=golden_table(golden),
@@ -431,12 +477,14 @@ def document() -> tuple[str, list[Figure]]:
         as_it_is=table(as_it_is, 'evo, search'),
         freiburg=table(fr1, 'evo'),
         kitti=table(kitti_00, 'evo, devkit'),
+        presets=preset_table(presets),
         raw_trans=shown(raw['rpe_1f_trans_rmse_m']),
         raw_rot=shown(raw['rpe_1f_rot_rmse_deg']),
         **remarks,
     )
     figures = [*cleaned, *as_it_is, *fr1, *kitti_00]
     figures += [figure for _, of_pair in golden for figure in of_pair]
+    figures += [figure for runs in presets.values() for _, of_run in runs for figure in of_run]
     return text, [figure for figure in figures if not figure.difference <= TOLERANCE]
 
 

@@ -18,6 +18,7 @@ from typing import Any
 from vio_eval_ros.core.config import EvaluationConfig, Options
 from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.core.limits import Described, Limits
+from vio_eval_ros.core.presets import AS, PRESETS
 from vio_eval_ros.diagnosis.limits import DiagnosisLimits
 from vio_eval_ros.imu.limits import ImuNoiseLimits
 from vio_eval_ros.inspection import expectations
@@ -39,7 +40,7 @@ NUMBER = {'type': 'number'}
 NOT_NEGATIVE = {'type': 'number', 'minimum': 0}
 TEXT = {'type': 'string'}
 TEXTS = {'anyOf': [TEXT, {'type': 'array', 'items': TEXT}]}
-DELTA = {'type': 'string', 'pattern': r'^(\d+(\.\d*)?|\.\d+)[fsmd]$'}
+DELTA = {'type': 'string', 'pattern': r'^(\d+(\.\d*)?|\.\d+)[fsmd%]$'}
 
 
 def table(properties: Schema, description: str = '', **more: Any) -> Schema:
@@ -87,7 +88,8 @@ def option(item: Field[Any], default: Any) -> Schema:
 def options(kind: type[Options]) -> Schema:
     """Return the properties of a dataclass of options."""
     defaults = kind()
-    return {item.name: option(item, getattr(defaults, item.name)) for item in fields(kind)}  # type: ignore[arg-type]
+    tool = {'as': described({'enum': list(PRESETS)}, AS)} if kind is EvaluationConfig else {}
+    return tool | {item.name: option(item, getattr(defaults, item.name)) for item in fields(kind)}  # type: ignore[arg-type]
 
 
 def of_metrics(value: Schema, more: Iterable[str] = (), **others: Any) -> Schema:

@@ -24,6 +24,7 @@ def test_the_defaults_are_those_of_the_design():
         'alignment': 'se3',
         'align_first_s': 0.0,
         'rpe_deltas': ['1f', '1s', '10m'],
+        'rpe_tolerance': '10%',
         'rpe_pairs': 'all',
         'segment_lengths_m': [],
         'start_s': 0.0,

@@ -152,7 +152,7 @@ def test_relative_errors_are_those_of_composed_poses(flight, estimated, mode, al
     g = matrices(run.pairs.ground_truth)
     aligned = run.alignment.apply(run.pairs.estimate).positions
     for delta in map(Delta.parse, DELTAS):
-        found = candidates(progress_along(run.pairs, delta.unit), delta, mode)
+        found = candidates(progress_along(run.pairs, delta.unit), delta, config)
         i, j = found.begin[found.usable], found.end[found.usable]
         assert metrics[f'rpe_{delta}_pairs'] == len(i) > 2
         error = np.linalg.inv(np.linalg.inv(g[i]) @ g[j]) @ (np.linalg.inv(p[i]) @ p[j])

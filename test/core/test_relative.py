@@ -9,7 +9,7 @@ import numpy as np
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.alignment import Alignment
-from vio_eval_ros.core.config import Delta, RPE_PAIRS
+from vio_eval_ros.core.config import Delta, EvaluationConfig, RPE_PAIRS
 from vio_eval_ros.core.relative import candidates, progress_along, relative_errors
 from vio_eval_ros.core.trajectory import Pairs, Trajectory
 
@@ -48,7 +48,7 @@ def _brute_force(along: np.ndarray, step: float, mode: str, exact: bool) -> list
 @settings(max_examples=200)
 def test_motions_lead_to_the_first_pose_nearest_to_a_delta_further(unit, mode, steps, delta):
     along = _along(unit, steps)
-    found = candidates(along, Delta(float(delta), unit), mode)
+    found = candidates(along, Delta(float(delta), unit), EvaluationConfig(rpe_pairs=mode))
     step = delta * 1_000_000_000 if unit == 's' else delta
     motions = zip(
         found.begin[found.usable].tolist(), found.end[found.usable].tolist(), strict=True

@@ -126,7 +126,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     except NoPairs as error:
         raise NoPairs(f'{error}{_measured_offset(estimate, truth, config)}') from None
     if arguments.series or not formats.isdisjoint(RUNNING):
-        result = replace(result, series=_series(config, estimate, truth))
+        result = replace(result, series=_series(result.config, estimate, truth))
     done = [written('replay', target, partial(render, result)) for target, render in outputs]
     summary = json_report if arguments.json else text_report
     show(partial(summary, result), targets)

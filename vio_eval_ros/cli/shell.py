@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 from vio_eval_ros.cli.command import called_as
 from vio_eval_ros.cli.completion import complete, words
 from vio_eval_ros.core.config import EvaluationConfig, nearest_name
+from vio_eval_ros.core.presets import AS, PRESETS
 from vio_eval_ros.errors import ConfigError, UNABLE, VioEvalError
 from vio_eval_ros.rendering.text import printable
 from vio_eval_ros.settings import options_of
@@ -138,6 +139,13 @@ def add_options(parser: argparse.ArgumentParser) -> None:
         metavar='FILE',
         help='YAML file with any of the options below; flags override it',
     )
+    action = group.add_argument(
+        '--as',
+        dest='as',
+        metavar='|'.join(PRESETS),
+        help=AS,
+    )
+    complete(action, words(PRESETS))
     for option in fields(EvaluationConfig):
         default = getattr(EvaluationConfig(), option.name)
         listed = isinstance(default, tuple)
@@ -150,10 +158,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
             shape = {'nargs': 7, 'metavar': ('X', 'Y', 'Z', 'QX', 'QY', 'QZ', 'QW')}
         elif listed:
             shape['nargs'] = '*'
+        text = f'{option.metadata["description"]} (default: {shown or "none"})'
         action = group.add_argument(
             '--' + option.name.replace('_', '-'),
             dest=option.name,
-            help=f'{option.metadata["description"]} (default: {shown or "none"})',
+            help=text.replace('%', '%%'),
             **shape,
         )
         if choices:
@@ -167,7 +176,8 @@ def config_of(arguments: argparse.Namespace) -> EvaluationConfig:
         EvaluationConfig.from_mapping(values)
     except ConfigError as error:
         raise ConfigError(f'{arguments.config}: {error}') from None
-    given = {option.name: getattr(arguments, option.name) for option in fields(EvaluationConfig)}
+    names = ['as', *(option.name for option in fields(EvaluationConfig))]
+    given = {name: getattr(arguments, name) for name in names}
     values |= {name: value for name, value in given.items() if value is not None}
     return EvaluationConfig.from_mapping(values)
 

@@ -9,11 +9,12 @@ in the same words.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 import math
 import re
 from typing import Any, NamedTuple, TypeVar
 
+from vio_eval_ros.core.presets import PRESETS
 from vio_eval_ros.errors import ConfigError
 
 ASSOCIATIONS = ('nearest', 'interpolate')
@@ -23,7 +24,13 @@ Kind = TypeVar('Kind', bound='Options')
 
 MAX_LEVER_M = 1e6
 MAX_SECONDS = 4e9  # added to today's time, it still fits into int64 nanoseconds
-DELTA_UNITS = {'f': 'frames', 's': 'seconds', 'm': 'metres', 'd': 'degrees'}
+DELTA_UNITS = {
+    'f': 'frames',
+    's': 'seconds',
+    'm': 'metres',
+    'd': 'degrees',
+    '%': 'percent of the path of the ground truth',
+}
 
 
 class Delta(NamedTuple):
@@ -34,20 +41,36 @@ class Delta(NamedTuple):
 
     @classmethod
     def parse(cls, text: str) -> Delta:
-        """Return the delta that ``10f``, ``1s``, ``0.5m`` or ``15d`` means."""
-        match = re.fullmatch(r'(\d+(?:\.\d*)?|\.\d+)([a-z])', text)
+        """Return the delta that ``10f``, ``1s``, ``0.5m``, ``15d`` or ``20%`` means."""
+        match = re.fullmatch(r'(\d+(?:\.\d*)?|\.\d+)([a-z%])', text)
         if not match or match[2] not in DELTA_UNITS or not 1e-9 <= float(match[1]) <= 1e9:
             meant = re.fullmatch(r'([\d.]+) ?(frame|sec|met|deg)[a-z]*', text)
             raise ConfigError(
                 f"'{text}' is not a valid delta; write a number without exponent and its unit: "
-                'f (frames), s (seconds), m (metres) or d (degrees), such as 1f, 0.5s or 10m'
-                + (f"; did you mean '{meant[1]}{meant[2][0]}'?" if meant else '')
+                'f (frames), s (seconds), m (metres), d (degrees) or % (of the path), such as 1f, '
+                '0.5s or 10m' + (f"; did you mean '{meant[1]}{meant[2][0]}'?" if meant else '')
             )
         # as many decimals as its name has
         delta = cls(round(float(match[1]), 9), match[2])
         if delta.unit == 'f' and not delta.value.is_integer():
             raise ConfigError(f"'{text}': frames are counted in whole numbers, such as 10f")
+        if delta.unit == '%' and delta.value > 100:
+            raise ConfigError(f"'{text}': no part of the path is longer than 100%")
         return delta
+
+    def of_path(self, path_m: float) -> Delta:
+        """Return the delta, in whole centimetres where it is a share of a path of that length."""
+        if self.unit != '%':
+            return self
+        length = self.value / 100 * path_m
+        return Delta(math.floor(100 * length) / 100 or round(length, 9), 'm')
+
+    def tolerance(self, text: str) -> float:
+        """Return the tolerance that ``10%`` of it, or ``0.5`` of its unit, means for a delta."""
+        if self.unit == 'f':
+            return 0.0
+        share = text.removesuffix('%')
+        return float(share) if share == text else float(share) / 100 * self.value
 
     def __str__(self) -> str:
         """Return the delta as it is written in options and metric names."""
@@ -121,7 +144,12 @@ class EvaluationConfig(Options):
     rpe_deltas: tuple[str, ...] = option(
         ('1f', '1s', '10m'),
         'distances between the poses of a relative error: f frames, '
-        's seconds, m metres, d degrees',
+        's seconds, m metres, d degrees, % of the path (offline)',
+    )
+    rpe_tolerance: str = option(
+        '10%',
+        'by how much the poses of a relative error may be nearer or farther apart: a share of '
+        'the delta, such as 10%, or a number in its unit, such as 0.5',
     )
     rpe_pairs: str = option(
         'all',
@@ -154,6 +182,11 @@ class EvaluationConfig(Options):
         except ConfigError as error:
             raise ConfigError(f'rpe_deltas: {error}') from None
         object.__setattr__(self, 'rpe_deltas', tuple(dict.fromkeys(deltas)))
+        if not re.fullmatch(r'(\d+(\.\d*)?|\.\d+)%?', self.rpe_tolerance):
+            raise ConfigError(
+                f"rpe_tolerance: '{self.rpe_tolerance}' is neither a share of the delta, such as "
+                '10%, nor a number in its unit, such as 0.5'
+            )
         if self.start_s >= self.end_s:
             raise ConfigError(f'start_s: {self.start_s:g} is not before end_s: {self.end_s:g}')
         lengths = tuple(dict.fromkeys(round(length, 9) for length in self.segment_lengths_m))
@@ -171,6 +204,27 @@ class EvaluationConfig(Options):
                     f'{name}: give x y z qx qy qz qw with a unit quaternion, '
                     f"not '{' '.join(f'{v:g}' for v in pose)}'"
                 )
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> EvaluationConfig:
+        """Return the options named in ``values``, over those of the tool that ``as`` names."""
+        values = dict(values)
+        tool = values.pop('as', None)
+        if tool is not None and tool not in PRESETS:
+            raise ConfigError(
+                f"as: '{tool}' is not one of {', '.join(PRESETS)}{nearest_name(tool, PRESETS)}"
+            )
+        return super().from_mapping({**PRESETS.get(tool, {}), **values})
+
+    def of_path(self, path_m: float) -> EvaluationConfig:
+        """Return the options for a ground truth of that length: deltas in % become metres."""
+        deltas = (str(Delta.parse(delta).of_path(path_m)) for delta in self.rpe_deltas)
+        return replace(self, rpe_deltas=tuple(deltas))
+
+    @property
+    def needs_path(self) -> bool:
+        """Whether deltas are a share of the path, which is known only at the end of a run."""
+        return any(delta.endswith('%') for delta in self.rpe_deltas)
 
     def to_dict(self) -> dict[str, Any]:
         """Return every option as plain numbers, strings and lists; no end is None."""

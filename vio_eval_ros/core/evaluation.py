@@ -14,7 +14,7 @@ Live node, ``replay`` and ``score`` all drive this one class::
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -226,5 +226,6 @@ class _Account:
 
 
 def metric_names(config: EvaluationConfig) -> list[str]:
-    """Return the names of all metrics that these options give."""
-    return list(Evaluation(config).summary().metrics)
+    """Return the names of all metrics that these options give, whatever the path is."""
+    known = tuple(delta for delta in config.rpe_deltas if not delta.endswith('%'))
+    return list(Evaluation(replace(config, rpe_deltas=known)).summary().metrics)

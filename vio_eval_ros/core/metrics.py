@@ -33,6 +33,7 @@ from vio_eval_ros.core.relative import (
 from vio_eval_ros.core.rotation import lengths
 from vio_eval_ros.core.statistics import root_mean_square
 from vio_eval_ros.core.trajectory import blocks, Pairs
+from vio_eval_ros.errors import ConfigError
 
 ALWAYS_ALIGNED = ('none', 'posyaw', 'se3', 'sim3')
 MAX_GAIN = 1.05
@@ -133,7 +134,12 @@ class Rpe(Metric):
     def __init__(self, config: EvaluationConfig) -> None:
         super().__init__(config)
         self._deltas = [Delta.parse(text) for text in config.rpe_deltas]
-        self._running = [RunningRpe(delta, config.rpe_pairs) for delta in self._deltas]
+        if config.needs_path:
+            raise ConfigError(
+                'rpe_deltas: a share of the path, such as 10%, is known only once a run is over; '
+                'give metres, such as 10m'
+            )
+        self._running = [RunningRpe(delta, config) for delta in self._deltas]
 
     def final(self, observed: Observations) -> MetricValues:
         """Return all statistics of the four kinds of error, and how many there are."""
@@ -142,7 +148,7 @@ class Rpe(Metric):
         pairs = observed.log.since(0)
         gaps = Gaps.between(pairs, self.config)
         for delta in self._deltas:
-            found = candidates(progress_along(pairs, delta.unit), delta, self.config.rpe_pairs)
+            found = candidates(progress_along(pairs, delta.unit), delta, self.config)
             begin, end = found.begin[found.usable], found.end[found.usable]
             errors = relative_errors(pairs, begin, end, observed.alignment)
             for (kind, unit), row in zip(RPE_KINDS.items(), errors, strict=True):
@@ -169,9 +175,9 @@ class Rpe(Metric):
 class RunningRpe:
     """The RMSE of relative errors over one delta, kept up to date as pairs arrive."""
 
-    def __init__(self, delta: Delta, mode: str) -> None:
+    def __init__(self, delta: Delta, config: EvaluationConfig) -> None:
         self._delta = delta
-        self._mode = mode
+        self._config = config
         self._next = 0
         self._mark = 0.0
         self._moments: ErrorMoments | None = None
@@ -182,7 +188,7 @@ class RunningRpe:
             self._next, self._mark = observed.log.first_of_all, 0.0
         pairs = observed.log.received_since(self._next)
         along = progress_along(observed.log.since(self._next), self._delta.unit)
-        found = candidates(along, self._delta, self._mode, self._mark)
+        found = candidates(along, self._delta, self._config, self._mark)
         # no pair to come can be nearer to a place that has been reached; the rest may change
         decided = int(np.searchsorted(found.target, along[-1], side='right')) if len(along) else 0
         reference = (
@@ -197,7 +203,7 @@ class RunningRpe:
             parts.append(ErrorMoments.of(motion, reference))
         if parts[0].count:
             self._moments = parts[0] if self._moments is None else self._moments + parts[0]
-        if self._mode == 'all':
+        if self._config.rpe_pairs == 'all':
             self._next += decided
         elif decided:
             last = found.end[decided - 1]

@@ -14,7 +14,7 @@ import numpy as np
 
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.alignment import Alignment
-from vio_eval_ros.core.config import Delta
+from vio_eval_ros.core.config import Delta, EvaluationConfig
 from vio_eval_ros.core.matching import nearest
 from vio_eval_ros.core.rotation import lengths
 from vio_eval_ros.core.steps import distances
@@ -25,8 +25,6 @@ from vio_eval_ros.core.trajectory import as_slice, blocks, Pairs, rows
 RPE_KINDS = {'trans': 'm', 'rot': 'deg', 'disp': 'm', 'dist': 'm'}
 #: those that need no orientations
 POSITION_KINDS = ('disp', 'dist')
-#: by what share of a delta two pairs may be nearer or farther apart
-DELTA_TOLERANCE = 0.1
 #: pairs from the begin of one segment to that of the next
 SEGMENT_STEP = 10
 
@@ -181,21 +179,23 @@ class Candidates:
     usable: np.ndarray
 
 
-def candidates(along: np.ndarray, delta: Delta, mode: str, origin: float = 0.0) -> Candidates:
+def candidates(
+    along: np.ndarray, delta: Delta, config: EvaluationConfig, origin: float = 0.0
+) -> Candidates:
     """
     Return from which pair to which a delta leads.
 
     :param along: (N,) non-decreasing, from :func:`progress_along`.
-    :param mode: ``all`` starts at every pair; ``sequential`` goes from mark to mark, every delta
-        from ``origin`` on, and takes the pair nearest to each mark.
+    :param config: with ``rpe_pairs`` all, one begins at every pair; sequential ones go from mark
+        to mark, every delta from ``origin`` on, and take the pair nearest to each mark.
     """
-    step = delta.value * 1e9 if delta.unit == 's' else delta.value
-    step = round(step) if delta.unit in 'fs' else step
+    unit = 1e9 if delta.unit == 's' else 1
+    step = round(unit * delta.value) if delta.unit in 'fs' else delta.value
     if not len(along) or math.isnan(along[-1]):
         nothing = np.empty(0, np.int64)
         return Candidates(nothing, nothing, nothing, nothing.astype(bool))
     target: np.ndarray
-    if mode == 'all':
+    if config.rpe_pairs == 'all':
         begin, target = np.arange(len(along)), along + step
         frames = delta.unit == 'f'
         end = target.clip(max=len(along) - 1) if frames else _first_nearest(target, along)
@@ -206,7 +206,7 @@ def candidates(along: np.ndarray, delta: Delta, mode: str, origin: float = 0.0) 
         poses = _first_nearest(places, along)
         begin, end, target = poses[:-1], poses[1:], places[1:]
     # far above what rounding of coordinates can do to a path that is off by just the tolerance
-    tolerance = 0 if delta.unit == 'f' else DELTA_TOLERANCE * step * (1 + 1e-6)
+    tolerance = unit * delta.tolerance(config.rpe_tolerance) * (1 + 1e-6)
     off = np.abs(along[end] - along[begin] - step)
     return Candidates(begin, end, target, (end > begin) & (off <= tolerance))
 

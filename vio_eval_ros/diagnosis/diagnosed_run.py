@@ -24,6 +24,7 @@ from vio_eval_ros.diagnosis.correction import Correction
 from vio_eval_ros.errors import NoPairs
 
 ATE = 'ATE [m]'
+EACH_FRAME = EvaluationConfig()
 FEWEST_POSES = 20
 #: smaller errors, in m or deg, cannot be reduced
 SMALLEST_ERROR = 1e-6
@@ -133,7 +134,7 @@ class DiagnosedRun:
             'rotation ATE [deg]': rotation_errors(pairs, aligned),
         }
         for delta in (Delta(1, 'f'), Delta(1, 's')):
-            apart = candidates(progress_along(pairs, delta.unit), delta, 'all')
+            apart = candidates(progress_along(pairs, delta.unit), delta, EACH_FRAME)
             begin, end = apart.begin[apart.usable], apart.end[apart.usable]
             pose, angle, displacement, _ = relative_errors(pairs, begin, end, aligned)
             errors[f'RPE {delta} [m]'] = displacement if pairs.rotations is None else pose

@@ -15,6 +15,7 @@ from vio_eval_ros.core.gates import Gate, judge
 from vio_eval_ros.core.orientations import why_positions_only
 from vio_eval_ros.core.preparation import Preparation
 from vio_eval_ros.core.side import Side
+from vio_eval_ros.core.steps import distances
 from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.diagnosis.hint import hint
 from vio_eval_ros.errors import ConfigError, NoPairs
@@ -46,6 +47,8 @@ def score_run(
     estimate, truth = settled(estimate, truth, config)
     estimate, truth = of_one_publisher(estimate, truth, config)
     _check_bodies(config, estimate.poses, truth.poses)
+    if config.needs_path:
+        config = config.of_path(_path_m(truth.poses, config))
     evaluation = _evaluated(config, estimate.poses, truth.poses)
     causal = None
     if estimate.causal is not None:
@@ -95,6 +98,14 @@ def _likely_cause(
         return clean(estimate.poses, Cleaning()), clean(truth.poses, Cleaning())
 
     return hint(summary.pairs, summary.metrics, config, specs, received)
+
+
+def _path_m(truth: Poses, config: EvaluationConfig) -> float:
+    """Return the metres of path of the ground truth, whether or not the estimate covers it."""
+    poses = clean(truth, Cleaning())
+    seconds = (poses.stamps_ns - poses.stamps_ns[:1]) / 1e9
+    inside = (seconds >= config.start_s) & (seconds <= config.end_s)
+    return float(distances(poses.positions[inside])[-1:].sum())
 
 
 def _check_bodies(config: EvaluationConfig, estimate: Poses, truth: Poses) -> None:

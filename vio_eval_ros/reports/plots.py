@@ -260,7 +260,7 @@ def relative_samples(result: Result) -> list[tuple[str, dict[str, np.ndarray]]]:
     found: dict[str, dict[str, np.ndarray]] = {kind: {} for kind in kinds}
     for text in result.config.rpe_deltas:
         delta = Delta.parse(text)
-        of = candidates(progress_along(pairs, delta.unit), delta, result.config.rpe_pairs)
+        of = candidates(progress_along(pairs, delta.unit), delta, result.config)
         errors = relative_errors(pairs, of.begin[of.usable], of.end[of.usable], alignment)
         for kind in kinds:
             values = errors[list(RPE_KINDS).index(kind)]
