@@ -1,13 +1,15 @@
 """What a header names is used, and what it leaves open is asked for with what to write."""
 
 from collections.abc import Sequence
+import contextlib
 from pathlib import Path
 import re
+import time
 
 import numpy as np
 import pytest
 
-from vio_eval_ros.errors import ReadError
+from vio_eval_ros.errors import ReadError, VioEvalError
 from vio_eval_ros.recordings.sources import read_sources, Source
 
 COUNT = 50
@@ -150,6 +152,31 @@ def test_several_positions_in_columns_are_stated_one_by_one(path, names):
         '?columns=t,x,y,z',
         '?columns=t,_,_,_,x,y,z',
     ]
+
+
+def test_of_many_bodies_the_first_are_named(path):
+    names = [f'body{k}.position.{axis}' for k in range(400) for axis in 'xyz']
+    write(path, ','.join(['t', *names]), ' '.join(['t', *['x y z'] * 400]))
+    with pytest.raises(ReadError, match=r'several bodies \(body0, 399 more\); append') as caught:
+        read(path)
+    assert re.findall(r'\?columns=\S+', str(caught.value)) == ['?columns=t,x,y,z']
+
+
+LONG = 60_000  # what is quadratic takes a minute for it, what is linear a fraction of a second
+
+
+@pytest.mark.parametrize('begin', ['# ', 'timestamp,', 't [s] '])
+@pytest.mark.parametrize(
+    'unit', [*'1 .a([_\'"#%,;\t', '[ ', 'x (', '1,', '1 ', '1_', "'1", '1.', 'q_', 'a.a[', '()']
+)
+def test_a_header_of_any_length_is_read_in_no_time(path, begin, unit):
+    header = begin + unit * (LONG // len(unit))
+    rows = '1.5 1 2 3 0 0 0 1\n' * 30
+    path.write_text(f'{header}x\n{rows}')
+    began = time.process_time()
+    with contextlib.suppress(VioEvalError):
+        read(path)
+    assert time.process_time() - began < 10
 
 
 def test_a_pose_is_not_put_together_from_two_topics(path):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 import re
 from typing import NamedTuple
 
@@ -85,6 +86,8 @@ UNITS = {
     'rad': r'rad|radians?',
     'deg': r'deg|degrees?|°',
 }
+_BRACKETS = r'[\[(][^\])]{0,100}[\])]'
+LONGEST_NAME = 300  # characters of a name that may mean something
 # Words before the first one that means something: /odom/pose/pose/position/x, gt_x, field.pose...
 PREFIXES = (
     'field|pose|poses|transform|msg|data|gt|ground|truth|groundtruth|est|estimate|estimated|odom|'
@@ -321,8 +324,11 @@ def _parts_of_seconds(words: Sequence[tuple[str, str | None]], columns: list[Col
             columns[place] = Column('nsec', f'{part[1]}s')
 
 
+@lru_cache(1 << 12)
 def _words(name: str) -> tuple[str, str | None]:
     """Return the words of a name, small and with _ between them, and the unit behind it."""
+    if len(name) > LONGEST_NAME:
+        return '', None
     name = re.sub(r'\[(\d+)\]', r'_\1', name.strip(' \t"\'#%'))
     bare, unit = name, None
     if brackets := re.search(r'[\[(]([^\])]*)[\])]?\s*$', name):
@@ -334,6 +340,7 @@ def _words(name: str) -> tuple[str, str | None]:
     return '_'.join(words), unit
 
 
+@lru_cache(1 << 12)  # files have the same names again and again, and many that mean nothing
 def _meant(text: str, unit: str | None) -> Column:
     """Return what a name in plain words means."""
     while shorter := re.match(rf'(?:{PREFIXES})_(?=.)', text):
@@ -358,7 +365,7 @@ def names_in(line: str) -> list[str]:
     separator = next((mark for mark in ',;\t' if mark in line), None)
     if separator:
         return [name.strip(' \t"\'') for name in line.rstrip(', ;\t').split(separator)]
-    return re.findall(r'[^\s\[(]*(?:\s*[\[(][^\])]*[\])])+[^\s\[(]*|\S+', line)
+    return re.findall(rf'(?=\S)(?:[^\s\[(]*(?:\s*{_BRACKETS})+[^\s\[(]*|\S+)', line)
 
 
 def expanded(names: Sequence[str], width: int) -> list[Column] | None:

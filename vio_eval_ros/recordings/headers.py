@@ -37,6 +37,8 @@ RISING_SHARE = 0.9
 LEAST_APART_S, MOST_APART_S = 1e-3, 100.0
 #: of the parts of a name
 LONGEST_PREFIX = 6
+#: columns in the statements of one message
+MOST_STATED = 600
 #: of an orientation that is named in part, the others are missing
 PARTS = (QUATERNION, OPEN_QUATERNION, COUNTED_QUATERNION, MATRIX, ROTATION_VECTOR, OPEN_TURN)
 
@@ -143,16 +145,17 @@ def _check_one_pose(file: TextFile, columns: Sequence[Column]) -> None:
         stamps = [k for k, c in enumerate(columns) if c.role in STAMPS]
         bodies = [key for key, found in roles.items() if {*found} - {*STAMPS}]
         shared = [k for k in stamps if not any(k in groups[key] for key in poses)]
-        ways = []
-        for key in poses:
+        ways, most = [], max(1, MOST_STATED // len(columns))
+        for key in poses[:most]:
             own = [k for k in stamps if k in groups[key]]
             kept = {*groups[key], *([] if own else shared)}
             meant = [c if k in kept else Column(LEFT_OUT) for k, c in enumerate(columns)]
             ways.append(f'{statement_of(meant).removeprefix(": append ")} for {shown(key)}')
+        more = [f'{len(bodies) - most} more'] if len(bodies) > most else []
+        named = ', '.join([*map(shown, bodies[:most]), *more])
         raise ReadError(
             file.path,
-            f'its header names columns of several bodies ({", ".join(map(shown, bodies))}); '
-            f'append {" or ".join(ways)}',
+            f'its header names columns of several bodies ({named}); append {" or ".join(ways)}',
         )
 
 

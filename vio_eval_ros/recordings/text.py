@@ -30,7 +30,7 @@ LEAST_NUMBERS = 3  # in a row that begins with a word, and names with a meaning 
 
 
 WORD = rb'[A-Za-z_/]|.*\.[A-Za-z]{2,}[0-9]?$'  # a name, or that of a file
-NUMBER = rb'[-+]?(\d+\.?\d*|\.\d+)(e[-+]?\d+)?|[-+]?(nan|inf(inity)?)|'
+NUMBER = rb'[-+]?(\d+(\.\d*)?|\.\d+)(e[-+]?\d+)?|[-+]?(nan|inf(inity)?)|'
 
 
 @dataclass(frozen=True)
