@@ -1,8 +1,12 @@
 """What is written to name a source, and what is added to it in advice."""
 
+from pathlib import Path
+
+from hypothesis import given
+from hypothesis import strategies as st
 import pytest
 
-from vio_eval_ros.recordings.spec import Spec, with_statement
+from vio_eval_ros.recordings.spec import quoted, Spec, with_statement
 
 
 @pytest.mark.parametrize(
@@ -25,3 +29,20 @@ from vio_eval_ros.recordings.spec import Spec, with_statement
 def test_what_is_advised_can_be_written(spec, statement, expected):
     assert with_statement(spec, statement) == expected
     Spec.parse(expected)
+
+
+@given(st.text('&%+#?=;,: abc26/[]"\'', min_size=1) | st.text(min_size=1))
+def test_what_is_advised_states_the_same_body(name):
+    stated = f'est.csv?body={quoted(name)}'
+    assert Spec.parse(stated).statements == {'body': name}
+    for once_more in ('invert=pose', 'unit=mm', 'invert=pose'):
+        stated = with_statement(stated, once_more)
+    assert Spec.parse(stated) == (Path('est.csv'), None, {'body': name, 'unit': 'mm'})
+    assert with_statement('est.csv', f'body={name}') == f'est.csv?body={quoted(name)}'
+
+
+def test_a_file_may_have_a_question_mark_in_its_name(tmp_path):
+    path = tmp_path / 'really?.txt'
+    path.touch()
+    assert Spec.parse(f'{path}') == (path, None, {})
+    assert Spec.parse(with_statement(f'{path}', 'unit=mm')) == (path, None, {'unit': 'mm'})

@@ -14,6 +14,7 @@ from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings.advice import shown
 from vio_eval_ros.recordings.columns import GEODETIC, Layout, LEFT_OUT, POSITION, STAMPS
 from vio_eval_ros.recordings.rows import as_text, Decimals, Rows
+from vio_eval_ros.recordings.spec import quoted
 from vio_eval_ros.recordings.text import TextFile
 
 #: of which there are no more, and with at least so many rows each in the mean
@@ -55,7 +56,7 @@ def of_one_body(file: TextFile, layout: Layout, statements: dict[str, str]) -> T
                 file.path,
                 f'its rows are those of {len(several.names)} bodies, which '
                 f'{_named(file, several.column)} tells apart ({_shown(several.names)}); append '
-                f'?body={several.names[0]} or another',
+                f'?body={quoted(several.names[0])} or another',
             )
         return file
     names = [one for bodies in found for one in bodies.names]

@@ -11,6 +11,7 @@ from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings.preambles import Body, Export
+from vio_eval_ros.recordings.spec import quoted
 
 MAX_DEVIATION = 0.01  # of the rows of a matrix from unit length, where three decimals are written
 MIN_SHARE = 0.99
@@ -66,7 +67,9 @@ def _chosen(path: Path, export: Export, name: str | None) -> Body:
         if len(names) > 1:
             shown = ', '.join(names[:8]) + ', ...' * (len(names) > 8)
             raise ReadError(
-                path, f'it has {len(names)} bodies ({shown}); append ?body={names[0]} or another'
+                path,
+                f'it has {len(names)} bodies ({shown}); append ?body={quoted(names[0])} or '
+                'another',
             )
         return export.bodies[0]
     if names.count(name) != 1:

@@ -16,7 +16,7 @@ from __future__ import annotations
 from pathlib import Path
 import re
 from typing import NamedTuple
-from urllib.parse import parse_qsl
+from urllib.parse import parse_qsl, quote
 
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.errors import ConfigError
@@ -63,7 +63,7 @@ STATEMENTS = {
         ),
         'quaternion': Statement.one_of('xyzw', 'wxyz'),
         'stamps': Statement.one_of(*STAMP_UNITS),
-        'body': Statement('the name of a rigid body', r'[^?&]+'),
+        'body': Statement('the name of a rigid body', r'(?s:.+)'),
         **OF_EITHER,
     },
     'topic': {
@@ -96,9 +96,7 @@ class Spec(NamedTuple):
             be a topic without its leading slash.
         :raises ConfigError: conventions that are unknown or do not apply.
         """
-        if '?' in text and exists(Path(text)):
-            return cls(Path(text), None, {})
-        body, _, query = text.partition('?')
+        body, query = _halves(text)
         if not body:
             raise ConfigError(f"'{text}': expected a topic or a file, got nothing")
         stated = parse_qsl(query, keep_blank_values=True)
@@ -134,10 +132,11 @@ def with_statement(text: str, statement: str) -> str:
     """
     Return a spec with one more statement, which takes the place of an earlier one of its name.
 
+    The value of the statement is given as it is meant, and :func:`quoted` here.
     What is inverted once more is not inverted. The order of a quaternion that columns state is
     changed in these.
     """
-    body, _, query = text.partition('?')
+    body, query = _halves(text)
     name, _, value = statement.partition('=')
     stated = dict(parse_qsl(query, keep_blank_values=True))
     if name == 'quaternion' and 'columns' in stated:
@@ -147,8 +146,21 @@ def with_statement(text: str, statement: str) -> str:
         del stated[name]
     else:
         stated[name] = value
-    joined = '&'.join(f'{name}={value}' for name, value in stated.items())
+    joined = '&'.join(f'{name}={quoted(value)}' for name, value in stated.items())
     return f'{body}?{joined}' if joined else body
+
+
+def quoted(value: str) -> str:
+    """Return what is stated as it is written in a spec, where some characters have a meaning."""
+    return re.sub('[%&+#?]', lambda found: quote(found[0]), value)
+
+
+def _halves(text: str) -> tuple[str, str]:
+    """Return what a spec names and what it states of it; files may have ? in their names."""
+    marks = [mark.start() for mark in re.finditer(r'\?', text)]
+    ends = [len(text), *reversed(marks)]
+    end = next((end for end in ends if exists(Path(text[:end]))), min(ends))
+    return text[:end], text[end + 1 :]
 
 
 def _check(text: str, what: str, name: str, value: str) -> None:
