@@ -31,8 +31,8 @@ LAYERS = {
     'inspection': {'core', 'recordings', 'rendering', 'settings'},
     'simulation': {'core', 'imu', 'rendering'},
     'evaluation': {'core', 'diagnosis', 'recordings'},
-    'comparison': {'core', 'evaluation', 'rendering'},
-    'reports': {'core', 'evaluation', 'rendering'},
+    'comparison': {'core', 'evaluation', 'recordings', 'rendering'},
+    'reports': {'core', 'comparison', 'evaluation', 'rendering'},
     'scoring': {
         'core',
         'comparison',

@@ -159,6 +159,14 @@ def test_a_result_a_suite_a_baseline_and_manifests(tmp_path):
         assert problems(schema, json.loads((tmp_path / f'{file}.json').read_text())) == []
 
 
+def test_a_comparison():
+    found = document(
+        'replay', DEMO, '--estimate', 'final=/vio/odometry', '--estimate', 'again=/vio/odometry',
+        '--gate', 'ate_trans_rmse_m<=1',
+    )  # fmt: skip
+    assert problems('comparison-1', found) == []
+
+
 @pytest.mark.slow
 def test_a_diagnosis(tmp_path):
     faults = ('--fault', 'time_offset=0.1', '--fault', 'scale=1.2', '--fault', 'jump=1')

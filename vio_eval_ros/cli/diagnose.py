@@ -84,7 +84,7 @@ def _run(arguments: argparse.Namespace) -> int:
     failing = _failing(arguments.fail_on)
     config = config_of(arguments)
     limits = chosen_limits(arguments, VERB, DiagnosisLimits)
-    estimate, truth = sources_of(arguments)
+    estimate, truth = sources_of(arguments, arguments.estimate)
     rates = None
     if arguments.imu is not None:
         rates = read_gyroscope(arguments.imu, arguments.recording, progress)

@@ -3,14 +3,25 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+import re
 import shlex
 from typing import Any
 
 from vio_eval_ros.cli.shell import Parser, progress
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.recordings.sources import check_times, default_topics, read_sources, Source
-from vio_eval_ros.recordings.spec import Spec
+from vio_eval_ros.recordings.sources import (
+    check_times,
+    default_topics,
+    read_each,
+    read_sources,
+    Source,
+)
+from vio_eval_ros.recordings.spec import exists, Spec
+
+#: what can stand before the = of NAME=SPEC
+SYSTEM_NAME = r'[^\W_][\w .+()-]*'
 
 
 class _Once(argparse.Action):
@@ -29,8 +40,12 @@ class _Once(argparse.Action):
         setattr(namespace, self.dest, values)
 
 
-def add_inputs(parser: Parser) -> None:
-    """Add RECORDING, ``--estimate``, ``--ground-truth`` and ``--times``."""
+def add_inputs(parser: Parser, several: bool = False) -> None:
+    """
+    Add RECORDING, ``--estimate``, ``--ground-truth`` and ``--times``.
+
+    :param several: whether there may be many estimates, ``NAME=SPEC``, which are a list then.
+    """
 
     def advise(word: str, arguments: argparse.Namespace) -> str:
         """Return the command that compares two files."""
@@ -49,10 +64,11 @@ def add_inputs(parser: Parser) -> None:
     )
     parser.add_argument(
         '--estimate',
-        action=_Once,
-        metavar='SPEC',
+        **({'action': 'append', 'default': []} if several else {'action': _Once}),
+        metavar='[NAME=]SPEC' if several else 'SPEC',
         help='/topic, /tf:PARENT.CHILD, a file, or RECORDING:/topic; append conventions '
-        "after '?': quaternion=wxyz, stamps=ns, invert=pose (default: the only one there is)",
+        "after '?': quaternion=wxyz, stamps=ns, invert=pose (default: the only one there is)"
+        + ('; may be repeated to compare systems, NAME=SPEC each' if several else ''),
     )
     parser.add_argument(
         '--ground-truth', action=_Once, metavar='SPEC', help='the same for the ground truth'
@@ -65,22 +81,63 @@ def add_inputs(parser: Parser) -> None:
     )
 
 
-def sources_of(arguments: argparse.Namespace) -> list[Source]:
+def named_estimates(texts: Sequence[str]) -> dict[str, str]:
+    """
+    Return the specs of some estimates by the names of their systems: ``NAME=SPEC``, or a spec.
+
+    A file of that very name is a spec without a name. Without one, the system has the name of its
+    topic, or of its file without the suffix.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        name, equals, spec = text.partition('=')
+        if not equals or not re.fullmatch(SYSTEM_NAME, name) or exists(Path(text)):
+            name, spec = _usual_name(text), text
+        if name in found:
+            raise ConfigError(
+                f"two estimates are called '{name}'; give each a name: --estimate NAME={spec}"
+            )
+        found[name] = spec
+    return found
+
+
+def _usual_name(text: str) -> str:
+    path, topic, _ = Spec.parse(text)
+    return topic or (path or Path(text)).stem
+
+
+def sources_of(arguments: argparse.Namespace, estimate: str | None) -> list[Source]:
     """Return the estimate and the ground truth."""
-    recording = arguments.recording
-    specs = [arguments.estimate, arguments.ground_truth]
-    if None in specs:
+    specs = _completed(arguments, [estimate])
+    sources = read_sources(specs, arguments.recording, arguments.times, progress)
+    check_times(arguments.times, sources)
+    return sources
+
+
+def each_source_of(
+    arguments: argparse.Namespace, estimates: Mapping[str, str]
+) -> tuple[dict[str, Source | Exception], Source]:
+    """Return several estimates by name, or why they cannot be read, and the ground truth."""
+    specs = _completed(arguments, list(estimates.values()))
+    *found, truth = read_each(specs, arguments.recording, arguments.times, progress)
+    if isinstance(truth, Exception):
+        raise truth
+    read = [one for one in found if isinstance(one, Source)]
+    check_times(arguments.times, [*read, truth])
+    return dict(zip(estimates, found, strict=True)), truth
+
+
+def _completed(arguments: argparse.Namespace, estimates: Sequence[str | None]) -> list[str]:
+    """Return the specs of the estimates and of the ground truth, missing ones by default."""
+    recording, truth = arguments.recording, arguments.ground_truth
+    if truth is None or None in estimates:
         if recording is None:
             raise ConfigError('give a RECORDING, or both --estimate and --ground-truth')
-        defaults = default_topics(recording, *specs)
-        specs = [
-            default if given is None else given
-            for given, default in zip(specs, defaults, strict=True)
-        ]
-    elif recording is not None and all(
+        estimate, truth = default_topics(recording, estimates[0], truth)
+        estimates = [estimate, *estimates[1:]]
+    specs = [*(spec for spec in estimates if spec is not None), truth]
+    if recording is not None and all(
         Spec.parse(spec, beside_recording=True).path for spec in specs
     ):
         raise ConfigError(f'{recording} is not used: --estimate and --ground-truth are elsewhere')
-    sources = read_sources(specs, recording, arguments.times, progress)
-    check_times(arguments.times, sources)
-    return sources
+    return specs

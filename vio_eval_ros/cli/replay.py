@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import partial
@@ -11,19 +11,21 @@ from pathlib import Path
 from typing import Any
 
 from vio_eval_ros.cli.completion import complete
-from vio_eval_ros.cli.inputs import add_inputs, sources_of
-from vio_eval_ros.cli.shell import add_options, config_of, Parser, run
+from vio_eval_ros.cli.inputs import add_inputs, each_source_of, named_estimates, sources_of
+from vio_eval_ros.cli.shell import add_options, complain, config_of, Parser, run
 from vio_eval_ros.cli.targets import add_reports, check_targets, show, Target, written
+from vio_eval_ros.comparison.comparison import compared, scorer
+from vio_eval_ros.comparison.matrix import check_metrics, default_metrics
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.core.gates import check_names, Gate
 from vio_eval_ros.core.series import running_series
 from vio_eval_ros.errors import ConfigError, FAILED, NoPairs, PASSED, UNABLE, VioEvalError
-from vio_eval_ros.evaluation.recorded import score_run
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.reports import REPORTS
+from vio_eval_ros.reports.compared import COMPARISON_REPORTS, comparison_text
 from vio_eval_ros.reports.documents import json_report
 from vio_eval_ros.reports.tables import series_csv
 from vio_eval_ros.reports.text import text_report
@@ -39,9 +41,12 @@ examples:
   replay --estimate est.txt --ground-truth mav0 --max-difference-s 0.01
   replay run.bag --ground-truth V1_02/data.csv --estimate /odometry \\
       --gate 'ate_trans_rmse_m<=0.1' --report json:result.json --report junit:result.xml
+  replay --estimate VINS=vins.txt --estimate DSO=dso.txt --ground-truth gt.txt \\
+      --metric ate_trans_rmse_m rpe_1s_trans_rmse_m --report table.tex
   replay run.mcap --manifest manifest.json --stack-commit 4f2a9c1 --stack-config vio.yaml
 
-exit status: 0 done and passed, 1 a gate failed, 2 could not be done
+exit status: 0 done and passed, 1 a gate failed or one of several estimates could not be scored,
+2 could not be done
 """
 
 
@@ -57,9 +62,17 @@ def _parser() -> Parser:
         description=__doc__,
         epilog=EXAMPLES,
     )
-    add_inputs(parser)
+    add_inputs(parser, several=True)
     output = parser.add_argument_group('output')
     add_reports(output, REPORTS)
+    metric = output.add_argument(
+        '--metric',
+        nargs='+',
+        default=[],
+        metavar='NAME',
+        help='the columns of the table of several estimates (default: ATE and RPE)',
+    )
+    complete(metric, lambda **_: metric_names(EvaluationConfig()))
     output.add_argument(
         '--series',
         metavar='csv:PATH',
@@ -113,18 +126,20 @@ def _add_provenance(parser: Parser) -> None:
 
 def _replay(arguments: argparse.Namespace) -> int:
     config = config_of(arguments)
-    outputs = _outputs(arguments)
     gates = _gates(arguments, config)
-    estimate, truth = sources_of(arguments)
+    named = named_estimates(arguments.estimate)
+    if len(named) > 1:
+        return _compare(arguments, named, config, gates)
+    if arguments.metric:
+        raise ConfigError('--metric needs several estimates: --estimate NAME=SPEC for each system')
+    outputs = _outputs(arguments)
+    estimate, truth = sources_of(arguments, next(iter(named.values()), None))
     targets = [target for target, _ in outputs]
     inputs = [*estimate.paths, *truth.paths, *_documents(arguments)]
     check_targets(targets, inputs, arguments.json)
     formats = {target.format for target in targets}
     hashed = arguments.json or not formats.isdisjoint(HASHED)
-    try:
-        result = score_run(estimate, truth, config, gates, hashed)
-    except NoPairs as error:
-        raise NoPairs(f'{error}{_measured_offset(estimate, truth, config)}') from None
+    result = _scored(scorer(truth, config, gates, hashed), estimate, truth, config)
     if arguments.series or not formats.isdisjoint(RUNNING):
         result = replace(result, series=_series(result.config, estimate, truth))
     done = [written('replay', target, partial(render, result)) for target, render in outputs]
@@ -133,6 +148,47 @@ def _replay(arguments: argparse.Namespace) -> int:
     if not all(done):
         return UNABLE
     return FAILED if result.passed is False else PASSED
+
+
+def _compare(
+    arguments: argparse.Namespace,
+    named: Mapping[str, str],
+    config: EvaluationConfig,
+    gates: Sequence[Gate],
+) -> int:
+    """Compare several estimates; one that cannot be scored fails, and does not stop the others."""
+    if arguments.series or arguments.manifest or any(map(bool, _provenance(arguments))):
+        raise ConfigError('--series and --manifest are of one estimate; give only one')
+    check_metrics(arguments.metric, metric_names(config))
+    targets = [Target.parse(text, COMPARISON_REPORTS) for text in arguments.report]
+    estimates, truth = each_source_of(arguments, named)
+    read = [one for one in estimates.values() if isinstance(one, Source)]
+    inputs = [*(path for one in (*read, truth) for path in one.paths), *_documents(arguments)]
+    check_targets(targets, inputs, arguments.json)
+    hashed = arguments.json or any(target.format in HASHED for target in targets)
+    score = partial(_scored, scorer(truth, config, gates, hashed), truth=truth, config=config)
+    found = compared(estimates, score, arguments.metric or default_metrics(config))
+    for name, why in found.unscored.items():
+        complain('replay', f'{name} could not be scored: {why}')
+    done = [
+        written('replay', target, partial(COMPARISON_REPORTS[target.format], found))
+        for target in targets
+    ]
+    summary = COMPARISON_REPORTS['json'] if arguments.json else comparison_text
+    show(partial(summary, found), targets)
+    if not all(done):
+        return UNABLE
+    return FAILED if found.passed is False else PASSED
+
+
+def _scored(
+    score: Callable[[Source], Result], estimate: Source, truth: Source, config: EvaluationConfig
+) -> Result:
+    """Return the result of an estimate; where there are no pairs, the error says what may help."""
+    try:
+        return score(estimate)
+    except NoPairs as error:
+        raise NoPairs(f'{error}{_measured_offset(estimate, truth, config)}') from None
 
 
 def _measured_offset(estimate: Source, truth: Source, config: EvaluationConfig) -> str:
@@ -176,7 +232,8 @@ def _gates(arguments: argparse.Namespace, config: EvaluationConfig) -> list[Gate
 
 def _documents(arguments: argparse.Namespace) -> list[Path]:
     """Return the files that are read apart from poses, and the recording as a whole."""
-    specs = (Spec.parse(spec) for spec in (arguments.estimate, arguments.ground_truth) if spec)
+    estimates = named_estimates(arguments.estimate).values()
+    specs = (Spec.parse(spec) for spec in (*estimates, arguments.ground_truth) if spec)
     named = [arguments.recording, arguments.config, arguments.gates, *(one.path for one in specs)]
     listed = [*(arguments.stack_config or ()), *(arguments.calibration or ())]
     return [path for path in (*named, *listed) if path is not None]

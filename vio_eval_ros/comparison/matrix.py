@@ -12,21 +12,20 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from vio_eval_ros.comparison.direction import worse_sign
+from vio_eval_ros.core.config import EvaluationConfig, nearest_name
 from vio_eval_ros.core.gates import Gate, judge
+from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.evaluation.result import Result, SUCCESS_GATES
 
 #: shown of a value whose runs do not tell how far it is certain
 SIGNIFICANT_DIGITS = 3
 MOST_DECIMALS = 6
-#: compared where nobody chooses
-METRICS = (
-    'ate_trans_rmse_m', 'ate_rot_rmse_deg', 'rpe_1s_trans_rmse_m', 'rpe_1s_rot_rmse_deg',
-)  # fmt: skip
+USUAL_DELTA = '1s'
 
 
 class CellRun(NamedTuple):
@@ -198,23 +197,15 @@ class Matrix:
 
     def best(self, metric: str, sequence: str) -> tuple[str, ...]:
         """Return the best system on a sequence, or those that share the place; none of one."""
-        return self._placed(metric, sequence, 0)
+        return self._places_on(metric, sequence)[0]
 
     def second(self, metric: str, sequence: str) -> tuple[str, ...]:
         """Return the second best system, or those that share the place; none after two firsts."""
-        found = self._placed(metric, sequence, 1)
-        return found if len(self.best(metric, sequence)) == 1 else ()
+        return self._places_on(metric, sequence)[1]
 
-    def _placed(self, metric: str, sequence: str, place: int) -> tuple[str, ...]:
-        ranks = {
-            name: rank
-            for name, rank in self.ranks(metric, sequence).items()
-            if self.stands(metric, sequence, name)
-        }
-        places = sorted(set(ranks.values()))
-        if len(ranks) < 2 or len(places) <= place:
-            return ()
-        return tuple(name for name, rank in ranks.items() if rank == places[place])
+    def _places_on(self, metric: str, sequence: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        ranks = self.ranks(metric, sequence).items()
+        return _places({n: rank for n, rank in ranks if self.stands(metric, sequence, n)})
 
     def common(self, metric: str) -> tuple[str, ...]:
         """Return the sequences on which every system stands, but for those that nowhere do."""
@@ -244,6 +235,53 @@ class Matrix:
         known = [rank for rank in ranks if not math.isnan(rank)]
         return float(np.mean(known)) if known else math.nan
 
+    def places_of_means(self, metric: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Return the systems with the best and the second best mean."""
+        sign, decimals = worse_sign(metric), self.decimals(metric)
+        means = {name: round(self.mean(metric, name), decimals) for name in self.systems}
+        return _places({name: sign * mean for name, mean in means.items()} if sign else {})
+
+    def places_of_ranks(self, metric: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Return the systems with the best and the second best mean rank."""
+        return _places({name: self.mean_rank(metric, name) for name in self.systems})
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the matrix as results have it; NaN where there is no number."""
+        return {
+            'sequences': list(self.sequences),
+            'systems': list(self.systems),
+            'metrics': {metric: self._of_metric(metric) for metric in self.metrics},
+            'notes': list(self.notes),
+        }
+
+    def _of_metric(self, metric: str) -> dict[str, Any]:
+        sign = worse_sign(metric)
+        return {
+            'better': {1: 'lower', -1: 'higher', 0: None}[sign],
+            'sequences': {one: self._of_sequence(metric, one) for one in self.sequences},
+            'mean': {name: self.mean(metric, name) for name in self.systems},
+            'mean_over': list(self.common(metric)),
+            'mean_rank': {name: self.mean_rank(metric, name) for name in self.systems},
+        }
+
+    def _of_sequence(self, metric: str, sequence: str) -> dict[str, Any]:
+        cells = {name: self.cell(sequence, name) for name in self.systems}
+        return {
+            'systems': {
+                name: {
+                    'value': cell.value(metric),
+                    'standard_error': cell.standard_error(metric),
+                    'runs': len(cell.runs),
+                    'successes': len(cell.successes(metric)),
+                    'failed': not cell.stands(metric),
+                    'failures': list(dict.fromkeys(why for _, why in cell.failures(metric))),
+                }
+                for name, cell in cells.items()
+            },
+            'best': list(self.best(metric, sequence)),
+            'second': list(self.second(metric, sequence)),
+        }
+
     def failures(self) -> Iterator[tuple[str, str, str, str]]:
         """Yield sequence, system, run and reason of each run that was no success."""
         for (sequence, system), cell in self.cells.items():
@@ -252,5 +290,37 @@ class Matrix:
                     yield sequence, system, run.name, run.failure
 
 
+def check_metrics(metrics: Sequence[str], known: Sequence[str]) -> None:
+    """Raise ``ConfigError`` for a metric that the evaluation does not give, or one given twice."""
+    for metric in metrics:
+        if metric not in known:
+            raise ConfigError(
+                f"there is no metric '{metric}' with these options{nearest_name(metric, known)}"
+            )
+        if metrics.count(metric) > 1:
+            raise ConfigError(f"the metric '{metric}' is given twice")
+
+
+def default_metrics(config: EvaluationConfig) -> tuple[str, ...]:
+    """Return what is compared where nobody chooses: ATE, and RPE over the usual distance."""
+    deltas = config.rpe_deltas
+    delta = USUAL_DELTA if USUAL_DELTA in deltas else deltas[0] if deltas else None
+    rpe = () if delta is None else (f'rpe_{delta}_trans_rmse_m', f'rpe_{delta}_rot_rmse_deg')
+    return 'ate_trans_rmse_m', 'ate_rot_rmse_deg', *rpe
+
+
 def _clipped(decimals: int) -> int:
     return min(max(decimals, 0), MOST_DECIMALS)
+
+
+def _places(badness: Mapping[str, float]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return who is best and who is second; nobody is second to two, and one alone is nothing."""
+    known = {name: value for name, value in badness.items() if not math.isnan(value)}
+    values = sorted(set(known.values()))
+    if len(known) < 2 or len(values) < 2:
+        # if all are alike, none stands out
+        return (), ()
+    best, second = (
+        tuple(name for name, value in known.items() if value == place) for place in values[:2]
+    )
+    return best, second if len(best) == 1 else ()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -63,20 +63,18 @@ def score_run(
         warnings.append(line)
     if _are_same(estimate.poses, truth.poses):
         warnings.append('the estimate and the ground truth are the same')
-    return Result(
+    result = Result(
         estimate=Input.of(
             estimate.spec,
             estimate.kind,
             associator.estimate,
             offset_s=config.time_offset_s,
-            sha256=sha256(estimate.paths) if hashed else None,
             paths=estimate.paths,
         ),
         ground_truth=Input.of(
             truth.spec,
             truth.kind,
             associator.ground_truth,
-            sha256=sha256(truth.paths) if hashed else None,
             paths=truth.paths,
         ),
         config=config,
@@ -85,6 +83,22 @@ def score_run(
         truth=_outline(config, truth, associator.ground_truth),
         assumed=taken,
     )
+    return with_hashes(result) if hashed else result
+
+
+def with_hashes(
+    result: Result, digest: Callable[[tuple[Path, ...]], str | None] | None = None
+) -> Result:
+    """
+    Return the result with the hashes of its files.
+
+    :param digest: gives that of some files; :func:`sha256` by default.
+    """
+    estimate, truth = (
+        replace(one, sha256=(digest or sha256)(one.paths))
+        for one in (result.estimate, result.ground_truth)
+    )
+    return replace(result, estimate=estimate, ground_truth=truth)
 
 
 def _likely_cause(

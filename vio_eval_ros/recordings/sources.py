@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 import re
@@ -13,7 +14,7 @@ import numpy as np
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.orientations import MIN_QUATERNION_NORM, why_positions_only
 from vio_eval_ros.core.trajectory import Poses
-from vio_eval_ros.errors import ConfigError, ReadError
+from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
 from vio_eval_ros.recordings.layouts import poses_of, Reading, stated_stamps
 from vio_eval_ros.recordings.progress import Progress, silent
 from vio_eval_ros.recordings.spec import is_recording, LENGTH_UNITS, Spec
@@ -128,6 +129,29 @@ def read_sources(
     jobs = [(specs[k], parsed[k], times) for k in files]
     found |= zip(files, _from_texts(jobs, progress), strict=True)
     return [found[k] for k in range(len(specs))]
+
+
+def read_each(
+    specs: Sequence[str],
+    recording: Path | None = None,
+    times: Path | None = None,
+    progress: Progress = silent,
+) -> list[Source | Exception]:
+    """
+    Return what each spec names, or the error where it cannot be read.
+
+    Parameters are those of :func:`read_sources`; recordings are read in one pass where nothing is
+    wrong with any spec.
+    """
+    with suppress(VioEvalError, OSError):
+        return list(read_sources(specs, recording, times, progress))
+    found: list[Source | Exception] = []
+    for spec in specs:
+        try:
+            found += read_sources([spec], recording, times, progress)
+        except (VioEvalError, OSError) as error:
+            found.append(error)
+    return found
 
 
 def check_times(times: Path | None, sources: Iterable[Source]) -> None:

@@ -23,7 +23,13 @@ def json_report(result: Result) -> str:
 
 def junit_report(result: Result) -> str:
     """Return a JUnit test suite: a case per gate, or a single one where there are no gates."""
-    cases = [
+    summary = result.summary
+    return junit([(result.estimate.source, summary.metrics, gate_cases(result), summary.warnings)])
+
+
+def gate_cases(result: Result) -> list[tuple[str, str | None]]:
+    """Return a case for each gate, with the reason why it failed, or a single one of none."""
+    return [
         (
             str(verdict.gate),
             None
@@ -32,8 +38,6 @@ def junit_report(result: Result) -> str:
         )
         for verdict in result.verdicts
     ] or [('evaluated', None)]
-    summary = result.summary
-    return junit([(result.estimate.source, summary.metrics, cases, summary.warnings)])
 
 
 def junit(

@@ -28,8 +28,8 @@ def text_report(result: Result) -> str:
     metrics, alignment = summary.metrics, summary.alignment
     lines = [f'warning: {sentence}' for sentence in result.assumed]
     lines += [
-        f'estimate      {_described(result.estimate)}',
-        f'ground truth  {_described(result.ground_truth)}',
+        f'estimate      {described(result.estimate)}',
+        f'ground truth  {described(result.ground_truth)}',
         f'matched       {found["pairs"]:,} pairs ({percent(found["matched_ratio"])} of the '
         f'estimates), stamps {number(1e3 * found["abs_difference_mean_s"])} ms apart on average',
         f'coverage      {percent(metrics["coverage_ratio"])} of the ground truth was tracked, '
@@ -130,7 +130,8 @@ def _drift(metrics: Mapping[str, float]) -> Iterator[str]:
         )
 
 
-def _described(one: Input) -> str:
+def described(one: Input) -> str:
+    """Return an input with the number and rate of its poses."""
     facts = one.to_dict()
     rate = '' if facts['rate_hz'] is None else f', {facts["rate_hz"]:.4g} Hz'
     return f'{one.source}: {facts["poses"]:,} poses{rate}' + (

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import math
 
+from vio_eval_ros.comparison.tables import spreadsheet_text
 from vio_eval_ros.core.gates import Verdict
 from vio_eval_ros.rendering.text import escaped, number, printable
 from vio_eval_ros.reports.documents import junit
@@ -30,8 +31,6 @@ LATEX = {
     'RPE 1 s [deg]': 'rpe_1s_rot_rmse_deg',
     'coverage': 'coverage_ratio',
 }
-#: what a spreadsheet takes for the beginning of a formula
-FORMULAS = ('=', '+', '-', '@')
 
 
 def suite_json(result: SuiteResult) -> str:
@@ -88,18 +87,13 @@ def suite_csv(result: SuiteResult) -> str:
     table.writerow(['sequence', 'estimate', 'metric', 'value'])
     for one in result.sequences:
         for run in one.runs:
-            names = _cell(one.sequence.name), _cell(run.run.name)
+            names = spreadsheet_text(one.sequence.name), spreadsheet_text(run.run.name)
             if run.result is None:
-                table.writerow([*names, 'error', _cell(run.error)])
+                table.writerow([*names, 'error', spreadsheet_text(run.error)])
                 continue
             for name, value in run.result.summary.metrics.items():
                 table.writerow([*names, name, '' if math.isnan(value) else value])
     return text.getvalue()
-
-
-def _cell(text: str) -> str:
-    """Return text that no spreadsheet takes for a formula."""
-    return f"'{printable(text)}" if text.startswith(FORMULAS) else printable(text)
 
 
 def suite_latex(result: SuiteResult) -> str:

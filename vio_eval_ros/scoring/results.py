@@ -8,7 +8,7 @@ from functools import cached_property
 import math
 from typing import Any
 
-from vio_eval_ros.comparison.matrix import Cell, CellRun, Matrix, METRICS
+from vio_eval_ros.comparison.matrix import Cell, CellRun, default_metrics, Matrix
 from vio_eval_ros.core.gates import judge, Verdict
 from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.evaluation.result import Result
@@ -196,8 +196,15 @@ class SuiteResult:
         """Pass or fail, as results have it."""
         return 'pass' if self.passed else 'fail'
 
-    def matrix(self, metrics: Iterable[str] = METRICS) -> Matrix:
-        """Return the sequences x systems; the only system of a suite without any has no name."""
+    def matrix(self, metrics: Iterable[str] = ()) -> Matrix:
+        """
+        Return the sequences x systems; the only system of a suite without any has no name.
+
+        :param metrics: by default those of :func:`default_metrics`.
+        """
+        if not metrics:
+            chosen = (default_metrics(one.sequence.config) for one in self.sequences)
+            metrics = dict.fromkeys(metric for names in chosen for metric in names)
         cells = {
             (one.sequence.name, one.sequence.system): Cell(
                 tuple(run.compared(one.sequence) for run in one.runs)

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Iterator
 import math
 
+from vio_eval_ros.comparison.tables import UNITS
 from vio_eval_ros.core.gates import Verdict
 from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.rendering.text import number, percent
@@ -15,8 +16,6 @@ from vio_eval_ros.scoring.suite import RunsGate, SUCCESS_RATE
 
 ATE = 'ate_trans_rmse_m'
 MOST_WARNINGS = 10
-#: units of metrics, by the ends of their names; the longer before the shorter
-UNITS = {'_deg_per_m': ' deg/m', '_percent': ' %', '_deg': ' deg', '_m': ' m'}
 COLUMNS = (
     'sequence', 'runs', 'ATE [m]', 'spread', 'baseline', 'change', 'p', 'coverage', 'success',
     'band', 'verdict',
@@ -127,7 +126,7 @@ def broken_gate(gate: RunsGate, verdict: Verdict) -> str:
 def worse_metric(one: MetricComparison) -> str:
     """Return how much worse a metric is than in the baseline, and how certain that is."""
     metric, was, low, high = one.rule.metric, one.baseline.median, *one.interval
-    unit = next((unit for end, unit in UNITS.items() if metric.endswith(end)), '')
+    unit = next((f' {unit}' for end, unit in UNITS.items() if metric.endswith(end)), '')
     runs = len(one.candidate.values) + one.missing
     missing = [f'no value in {one.missing} of {runs} runs'] if one.missing else []
     if math.isnan(one.difference):

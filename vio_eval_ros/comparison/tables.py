@@ -1,0 +1,342 @@
+"""A matrix as tables that people read: text, Markdown, LaTeX, HTML; and as CSV for scripts."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+import math
+import re
+from typing import NamedTuple
+
+from vio_eval_ros.comparison.matrix import Matrix
+from vio_eval_ros.rendering.page import Html, joined, table, tag
+from vio_eval_ros.rendering.text import escaped, printable
+
+#: units of metrics, by the ends of their names; the longer before the shorter
+UNITS = {'_deg_per_m': 'deg/m', '_percent': '%', '_deg': 'deg', '_m': 'm', '_s': 's'}
+#: parts of the names of metrics that the unit, or the custom of the field, tells already
+UNSAID = ('trans', 'rot', 'rmse')
+ACRONYMS = ('ate', 'rpe', 'kitti', 'nees', 'se3', 'sim3')
+#: behind a value: its cell has failed, or only some of its runs
+FAILED, PARTLY = '†', '‡'
+#: what a spreadsheet takes for the beginning of a formula
+FORMULAS = ('=', '+', '-', '@')
+LATEX_SPECIAL = {
+    '\\': r'\textbackslash{}', '~': r'\textasciitilde{}', '^': r'\textasciicircum{}',
+    '<': r'\textless{}', '>': r'\textgreater{}', '|': r'\textbar{}', '†': r'$\dagger$',
+    '‡': r'$\ddagger$', **{sign: f'\\{sign}' for sign in '&%$#_{}'},
+}  # fmt: skip
+LATEX_MARKS = {'': '', FAILED: r'\rlap{$^\dagger$}', PARTLY: r'\rlap{$^\ddagger$}'}
+
+
+class Shown(NamedTuple):
+    """
+    A value of a table.
+
+    :param place: 1 for the best, 2 for the second, else 0.
+    :param mark: FAILED, PARTLY or nothing.
+    :param missing: decimals that others in the table have beside it, with the point.
+    """
+
+    text: str = '-'
+    place: int = 0
+    mark: str = ''
+    missing: str = ''
+
+
+class Row(NamedTuple):
+    """A line of a table: its name, and a value for each further column."""
+
+    name: str
+    values: list[Shown]
+
+
+class Table(NamedTuple):
+    """
+    One table.
+
+    :param title: the metric; empty where the columns are metrics.
+    :param heads: of the columns, the first of which has the names.
+    :param summary: rows below a rule: mean and rank.
+    """
+
+    title: str
+    heads: list[str]
+    rows: list[Row]
+    summary: list[Row]
+
+
+def label(metric: str) -> str:
+    """Return a metric as the head of a column names it: ``RPE 1 s [deg]``."""
+    end = next((end for end in UNITS if metric.endswith(end)), '')
+    words = [word for word in metric.removesuffix(end).split('_') if word not in UNSAID]
+    words = [word.upper() if word in ACRONYMS else word for word in words]
+    text = re.sub(r'\b([\d.]+)([a-z])\b', r'\1 \2', ' '.join(words))
+    return f'{text.removesuffix(" ratio")} [{UNITS[end]}]' if end else text.removesuffix(' ratio')
+
+
+def tables_of(matrix: Matrix) -> list[Table]:
+    """
+    Return one table with a column for each metric, or one for each metric of several sequences.
+
+    The longer of sequences and systems is what goes down.
+    """
+    if len(matrix.sequences) > 1:
+        return [_of_metric(matrix, metric) for metric in matrix.metrics]
+    (sequence,) = matrix.sequences
+    rows = [
+        Row(system, [_shown(matrix, metric, sequence, system) for metric in matrix.metrics])
+        for system in matrix.systems
+    ]
+    return [Table('', ['system', *map(label, matrix.metrics)], rows, [])]
+
+
+def _of_metric(matrix: Matrix, metric: str) -> Table:
+    """Return the sequences x systems of one metric, with mean and rank."""
+    title, sequences, systems = label(metric), matrix.sequences, matrix.systems
+    values = [[_shown(matrix, metric, one, name) for name in systems] for one in sequences]
+    summary = [Row(_mean_name(matrix, metric), _means(matrix, metric))]
+    if any(matrix.ranks(metric, one) for one in sequences) and len(systems) > 1:
+        summary.append(Row('rank', _ranks(matrix, metric)))
+    if len(systems) <= len(sequences):
+        rows = [Row(*each) for each in zip(sequences, values, strict=True)]
+        return Table(title, ['sequence', *systems], rows, summary)
+    columns = zip(*values, *(row.values for row in summary), strict=True)
+    rows = [Row(name, list(found)) for name, found in zip(systems, columns, strict=True)]
+    return Table(title, ['system', *sequences, *(row.name for row in summary)], rows, [])
+
+
+def _shown(matrix: Matrix, metric: str, sequence: str, system: str) -> Shown:
+    """Return a cell as tables show it."""
+    cell = matrix.cell(sequence, system)
+    value = matrix.rounded(metric, sequence, system)
+    if math.isnan(value):
+        return Shown('-' if any(not run.failure for run in cell.runs) else 'failed')
+    decimals, usual = matrix.decimals(metric, sequence, system), matrix.decimals(metric)
+    mark = PARTLY if any(cell.failures(metric)) else ''
+    return Shown(
+        f'{value:.{decimals}f}',
+        place=_place(system, matrix.best(metric, sequence), matrix.second(metric, sequence)),
+        mark=mark if matrix.stands(metric, sequence, system) else FAILED,
+        missing='' if decimals == usual else '.' * (not decimals) + '0' * (usual - decimals),
+    )
+
+
+def _place(name: str, best: Sequence[str], second: Sequence[str]) -> int:
+    return 1 if name in best else 2 * (name in second)
+
+
+def _mean_name(matrix: Matrix, metric: str) -> str:
+    """Return the name of the mean, with over how many sequences it is where not over all."""
+    common = len(matrix.common(metric))
+    return 'mean' if common == len(matrix.sequences) else f'mean of {common}'
+
+
+def _means(matrix: Matrix, metric: str) -> list[Shown]:
+    """Return the mean of each system; marked where it has failed somewhere."""
+    best, second = matrix.places_of_means(metric)
+    return [
+        Shown()
+        if math.isnan(mean := matrix.mean(metric, name))
+        else Shown(
+            f'{mean:.{matrix.decimals(metric)}f}',
+            place=_place(name, best, second),
+            mark=''
+            if all(matrix.stands(metric, one, name) for one in matrix.sequences)
+            else FAILED,
+        )
+        for name in matrix.systems
+    ]
+
+
+def _ranks(matrix: Matrix, metric: str) -> list[Shown]:
+    best, second = matrix.places_of_ranks(metric)
+    return [
+        Shown(f'{matrix.mean_rank(metric, name):.2f}', _place(name, best, second))
+        for name in matrix.systems
+    ]
+
+
+def footnotes(matrix: Matrix) -> Iterator[str]:
+    """Yield what marks mean, every failure with its reason, and over what the means are."""
+    marks = {value.mark for one in tables_of(matrix) for row in one.rows for value in row.values}
+    if FAILED in marks:
+        yield f'{FAILED} failed: takes no part in best and mean, and has the last rank'
+    if PARTLY in marks:
+        yield f'{PARTLY} some of its runs failed; they count as the worst in the median'
+    for (sequence, system), cell in matrix.cells.items():
+        told = Counter(run.failure for run in cell.runs if run.failure)
+        for metric in matrix.metrics:
+            told.update(why for name, why in cell.failures(metric) if why == f'has no {metric}')
+        name = ', '.join(filter(None, (sequence, system)))
+        for why, runs in told.items():
+            of = f'{runs} of {len(cell.runs)} runs: ' if len(cell.runs) > 1 else ''
+            yield f'{name}: {of}{why}'
+    if len(matrix.sequences) > 1:
+        yield from _of_means(matrix)
+    yield from matrix.notes
+
+
+def _of_means(matrix: Matrix) -> Iterator[str]:
+    """Yield the sequences of each mean that is not over all."""
+    found: dict[tuple[str, ...], list[str]] = {}
+    for metric in matrix.metrics:
+        found.setdefault(matrix.common(metric), []).append(label(metric))
+    for common, metrics in found.items():
+        if common and len(common) < len(matrix.sequences):
+            yield (
+                f'mean of {len(common)} ({", ".join(metrics)}): over {", ".join(common)}, the '
+                'sequences on which no system failed that has a value anywhere'
+            )
+        elif not common:
+            yield f'no mean of {", ".join(metrics)}: on every sequence some system has failed'
+
+
+def text_tables(matrix: Matrix) -> str:
+    """Return the tables and footnotes for a terminal."""
+    lines: list[str] = []
+    for one in tables_of(matrix):
+        marks = any(value.mark for row in (*one.rows, *one.summary) for value in row.values)
+        heads = [one.heads[0], *(head + ' ' * (2 + marks) for head in one.heads[1:])]
+        rows = [
+            [row.name, *(_in_text(value, marks) for value in row.values)]
+            for row in (*one.rows, *one.summary)
+        ]
+        widths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
+        body = [_justified(cells, widths) for cells in (heads, *rows)]
+        rule = '  '.join('-' * width for width in widths)
+        body.insert(1, rule)
+        if one.summary:
+            body.insert(-len(one.summary), rule)
+        lines += [*([one.title] if one.title else []), *body, '']
+    legend = ['* best, + second'] if len(matrix.systems) > 1 else []
+    return ''.join(f'{printable(line)}\n' for line in (*lines, *legend, *footnotes(matrix)))
+
+
+def _in_text(value: Shown, marks: bool) -> str:
+    """Return a value with what marks it; points of a column are below each other."""
+    mark = value.mark or ' ' if marks else ''
+    return f'{value.text}{" " * len(value.missing)}{("  ", " *", " +")[value.place]}{mark}'
+
+
+def _justified(cells: Sequence[str], widths: Sequence[int]) -> str:
+    name, *others = cells
+    numbers = (cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True))
+    return '  '.join([name.ljust(widths[0]), *numbers]).rstrip()
+
+
+def markdown_tables(matrix: Matrix) -> str:
+    """Return the tables and footnotes in Markdown."""
+    lines: list[str] = []
+    for one in tables_of(matrix):
+        lines += [f'**{escaped(one.title)}**', ''] if one.title else []
+        lines.append('| ' + ' | '.join(map(escaped, one.heads)) + ' |')
+        lines.append('|---|' + '---:|' * (len(one.heads) - 1))
+        for row in (*one.rows, *one.summary):
+            values = (_styled(value, '**{}**', '<ins>{}</ins>') for value in row.values)
+            lines.append('| ' + ' | '.join([escaped(row.name), *values]) + ' |')
+        lines.append('')
+    notes = [*_legend(matrix), *map(escaped, footnotes(matrix))]
+    return '\n'.join([*lines, *(f'- {note}' for note in notes)]) + '\n'
+
+
+def _styled(value: Shown, best: str, second: str) -> str:
+    return ('{}', best, second)[value.place].format(value.text) + value.mark
+
+
+def _legend(matrix: Matrix) -> list[str]:
+    return ['Best in bold, second underlined.'] if len(matrix.systems) > 1 else []
+
+
+def latex_tables(matrix: Matrix) -> str:
+    """
+    Return one tabular (booktabs), a block for each metric, and the footnotes below it.
+
+    Numbers are right-aligned with their points below each other; nothing but booktabs is needed.
+    """
+    tables = tables_of(matrix)
+    heads = [latex(head) for head in tables[0].heads]
+    centred = (f'\\multicolumn{{1}}{{c}}{{{head}}}' for head in heads[1:])
+    lines = [
+        '% needs \\usepackage{booktabs}',
+        f'\\begin{{tabular}}{{l{"r" * (len(heads) - 1)}}}',
+        '\\toprule',
+        _latex_row([heads[0], *centred]),
+    ]
+    for one in tables:
+        lines.append('\\midrule')
+        if one.title:
+            title = f'\\multicolumn{{{len(heads)}}}{{l}}{{\\emph{{{latex(one.title)}}}}}'
+            lines.append(_latex_row([title]))
+        lines += [_latex_row([latex(row.name), *map(_in_latex, row.values)]) for row in one.rows]
+        lines += [f'\\cmidrule(lr){{1-{len(heads)}}}'] if one.summary else []
+        lines += [
+            _latex_row([latex(row.name), *map(_in_latex, row.values)]) for row in one.summary
+        ]
+    lines += ['\\bottomrule', '\\end{tabular}']
+    if notes := [*_legend(matrix), *map(latex, footnotes(matrix))]:
+        lines += ['\\par\\smallskip', '{\\footnotesize', *(f'{note}\\par' for note in notes), '}']
+    return '\n'.join(lines) + '\n'
+
+
+def latex(text: str) -> str:
+    """Return text with nothing in it that LaTeX would interpret."""
+    return ''.join(LATEX_SPECIAL.get(sign, sign) for sign in printable(text))
+
+
+def _latex_row(cells: Sequence[str]) -> str:
+    # after the end of a row, LaTeX would take these for its argument
+    guard = '{}' if cells[0].startswith(('[', '*')) else ''
+    return f'{guard}{" & ".join(cells)} \\\\'
+
+
+def _in_latex(value: Shown) -> str:
+    missing = f'\\phantom{{{value.missing}}}' if value.missing else ''
+    styled = ('{}', '\\textbf{{{}}}', '\\underline{{{}}}')[value.place].format(value.text)
+    return f'{styled}{LATEX_MARKS[value.mark]}{missing}'
+
+
+def html_tables(matrix: Matrix) -> Html:
+    """Return the tables and footnotes as a part of a page."""
+
+    def cell(value: Shown) -> Html:
+        kind = ('span', 'b', 'u')[value.place]
+        return joined([tag(kind, value.text), value.mark])
+
+    parts: list[object] = []
+    for one in tables_of(matrix):
+        rows = [[row.name, *map(cell, row.values)] for row in (*one.rows, *one.summary)]
+        parts += [tag('h3', one.title)] if one.title else []
+        parts.append(table(one.heads, rows, numbers=range(1, len(one.heads))))
+    notes = [*_legend(matrix), *footnotes(matrix)]
+    return joined([*parts, tag('ul', *(tag('li', note) for note in notes), class_='soft')])
+
+
+def csv_table(matrix: Matrix) -> str:
+    """Return a row for each metric, sequence and system; numbers in full, unknown ones empty."""
+    import csv
+    import io
+
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator='\n')
+    writer.writerow(
+        ['metric', 'sequence', 'system', 'value', 'place', 'runs', 'successes', 'standard_error',
+         'failure']
+    )  # fmt: skip
+    for metric in matrix.metrics:
+        for (sequence, system), cell in matrix.cells.items():
+            best, second = matrix.best(metric, sequence), matrix.second(metric, sequence)
+            numbers = cell.value(metric), cell.standard_error(metric)
+            value, error = ('' if math.isnan(number) else repr(number) for number in numbers)
+            why = '; '.join(dict.fromkeys(why for _, why in cell.failures(metric)))
+            place = _place(system, best, second) or ''
+            runs = len(cell.runs), len(cell.successes(metric))
+            names = spreadsheet_text(sequence), spreadsheet_text(system)
+            row = [metric, *names, value, place, *runs, error, spreadsheet_text(why)]
+            writer.writerow(row)
+    return text.getvalue()
+
+
+def spreadsheet_text(text: str) -> str:
+    """Return text that no spreadsheet takes for a formula."""
+    return f"'{printable(text)}" if text.startswith(FORMULAS) else printable(text)
