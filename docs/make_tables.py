@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 import re
 
+from vio_eval_ros.core.glossary import GLOSSARY
 from vio_eval_ros.core.limits import Limits
 from vio_eval_ros.diagnosis import limits as of_diagnosis
 from vio_eval_ros.diagnosis.causes import CAUSES
@@ -59,6 +60,15 @@ def _filled(text: str) -> str:
     return text.format(**of_inspection.InspectionLimits().to_dict())
 
 
+def metrics() -> Iterator[str]:
+    """Yield the rows of the metrics."""
+    yield row('metric', 'what it is', 'formula', 'keep in mind')
+    yield '|---|---|---|---|'
+    for term in GLOSSARY:
+        formula = term.formula.replace('|', '\\|')
+        yield row(f'`{term.name}`', term.words, formula, term.caveat)
+
+
 def limits(kind: type[Limits]) -> Iterator[str]:
     """Yield the rows of a family of limits, with their defaults."""
     yield row('limit', 'default', 'meaning', 'source')
@@ -100,6 +110,8 @@ def tables(document: str) -> dict[str, Iterator[str]]:
             'limits': limits(of_diagnosis.DiagnosisLimits),
             'profiles': profiles(of_diagnosis.CHANGES),
         }
+    if document == 'metrics.md':
+        return {'metrics': metrics()}
     return {'limits': limits(ImuNoiseLimits)}
 
 
@@ -116,5 +128,7 @@ def with_tables(document: str, text: str) -> str:
 
 
 if __name__ == '__main__':
-    for path in (DOCS / name for name in ('inspect.md', 'diagnose.md', 'imu_noise.md')):
+    for path in (
+        DOCS / name for name in ('inspect.md', 'diagnose.md', 'imu_noise.md', 'metrics.md')
+    ):
         path.write_text(with_tables(path.name, path.read_text()))

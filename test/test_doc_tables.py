@@ -13,6 +13,7 @@ DOCS = Path(__file__).resolve().parents[1] / 'docs'
     [
         ('inspect.md', '| `gap_s` | 0.1 s |', '| `gap_s` | 0.2 s |'),
         ('diagnose.md', '| `scale_percent` | 3 % |', '| `scale_percent` | 4 % |'),
+        ('metrics.md', '| `sim3_scale` | scale of', '| `sim3_scale` | size of'),
         ('imu_noise.md', '| `missing_ratio` | 0.01 |', '| `missing_ratio` | 0.02 |'),
     ],
 )

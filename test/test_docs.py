@@ -11,6 +11,7 @@ from test_imports import LAYERS
 from verbs import call, transcript
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names
+from vio_eval_ros.core.glossary import GLOSSARY
 from vio_eval_ros.recordings.spec import STATEMENTS
 from vio_eval_ros.reports import REPORTS
 
@@ -109,7 +110,14 @@ def test_every_metric_named_in_the_documents_exists():
     config = EvaluationConfig(
         rpe_deltas=('1f', '1s', '10m', '10f', '1m', '100m'), segment_lengths_m=(100,)
     )
-    names = {*metric_names(config), *config.to_dict(), 'ate_trans_m', 'ate_rot_deg'}  # of a pair
+    terms = {term.name for term in GLOSSARY}
+    names = {
+        *metric_names(config),
+        *terms,
+        *config.to_dict(),
+        'ate_trans_m',
+        'ate_rot_deg',
+    }  # of a pair
     for document in DOCUMENTS:
         for name in re.findall(
             r'\b(?:ate|rpe|segment|kitti|nees)_\w*(?:_m|_deg|_percent|_mean)\b',

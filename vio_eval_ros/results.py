@@ -104,7 +104,7 @@ class Result(RunResult):
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the result in a line, and the statistics as a table."""
-        figures = ([label, *map(number, values)] for label, values in rows(self))
+        figures = ([label, *map(number, values)] for label, _, values in rows(self))
         sources = f'{self.estimate.source} against {self.ground_truth.source}'
         head = f'{sources}: {headline(self)}, {self.summary.alignment.mode}'
         return joined(

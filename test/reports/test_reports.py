@@ -21,6 +21,7 @@ from vio_eval_ros.errors import ConfigError, WriteError
 from vio_eval_ros.evaluation.result import Input, Result
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.rendering.files import write
+from vio_eval_ros.rendering.text import number
 from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.text import text_report
@@ -150,7 +151,14 @@ def test_markdown_shows_the_verdict_and_the_errors(passing, failing):
     assert '❌ fail' in text
     assert f'| ATE position [m] | {failing.summary.metrics["ate_trans_rmse_m"]:.4g} |' in text
     tables = [line for line in text.splitlines() if line.startswith('|')]
-    assert {line.count('|') for line in tables} == {4, 9}
+    assert {line.count('|') for line in tables} == {4, 10}
+    for metric, value in failing.summary.metrics.items():
+        if (
+            value
+            and not np.isnan(value)
+            and not metric.startswith(('ate_trans', 'ate_rot', 'rpe'))
+        ):
+            assert f'| {number(value)} | `{metric}` |' in text, metric
 
 
 @pytest.mark.parametrize('name', [*TEXTS, 'text'])

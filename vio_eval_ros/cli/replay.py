@@ -19,7 +19,9 @@ from vio_eval_ros.comparison.matrix import check_metrics, default_metrics
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.core.gates import check_names, Gate
+from vio_eval_ros.core.glossary import listed
 from vio_eval_ros.core.series import running_series
+from vio_eval_ros.core.statistics import STATISTICS
 from vio_eval_ros.errors import ConfigError, FAILED, NoPairs, PASSED, UNABLE, VioEvalError
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.recordings.sources import Source
@@ -35,7 +37,10 @@ from vio_eval_ros.settings import gates_of
 SERIES = ('csv',)
 HASHED = ('json', 'html', 'mcap', 'manifest')  # show the sha256 of the inputs
 RUNNING = ('mcap',)  # shows the running values
-EXAMPLES = """
+EXAMPLES = f"""
+metrics, as gates and JSON name them; STATISTIC is one of {', '.join(STATISTICS)}:
+{listed()}
+
 examples:
   replay run.mcap --estimate /vio/odometry --ground-truth /ground_truth/pose
   replay --estimate est.txt --ground-truth mav0 --max-difference-s 0.01

@@ -9,7 +9,7 @@ import math
 from vio_eval_ros.core.statistics import STATISTICS
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.rendering.text import escaped, number, percent, printable
-from vio_eval_ros.reports.text import rows
+from vio_eval_ros.reports.text import rows, single_figures
 
 MARKS = {'pass': 'pass', 'warn': '⚠ warn', 'fail': '**fail**'}
 
@@ -104,9 +104,16 @@ def markdown_report(result: Result) -> str:
             f'| `{verdict.gate}` | {number(verdict.value)} | {MARKS[verdict.word]} |'
             for verdict in result.verdicts
         ] + ['']
-    lines += ['| error | ' + ' | '.join(STATISTICS) + ' |', '|---|' + '---:|' * len(STATISTICS)]
+    lines += ['| error | ' + ' | '.join(STATISTICS) + ' | metric |']
+    lines += ['|---|' + '---:|' * len(STATISTICS) + '---|']
     lines += [
-        f'| {label} | ' + ' | '.join(map(number, values)) + ' |' for label, values in rows(result)
+        f'| {label} | ' + ' | '.join(map(number, values)) + f' | `{metric}` |'
+        for label, metric, values in rows(result)
+    ]
+    lines += ['', '| figure | value | metric |', '|---|---:|---|']
+    lines += [
+        f'| {words} | {number(value)} | `{metric}` |'
+        for words, metric, value in single_figures(result)
     ]
     lines += [''] + [f'- ⚠ {escaped(warning)}' for warning in result.summary.warnings]
     return '\n'.join(lines).rstrip() + '\n'

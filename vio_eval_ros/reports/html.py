@@ -33,7 +33,7 @@ from vio_eval_ros.reports.plots import (
     segment_samples,
     usual_lengths,
 )
-from vio_eval_ros.reports.text import rows, since_beginning
+from vio_eval_ros.reports.text import rows, since_beginning, single_figures
 
 WORDS = {'pass': 'pass', 'warn': 'warning', 'fail': 'fail'}
 
@@ -231,12 +231,20 @@ def _boxes(samples: Iterable[tuple[str, dict]]) -> Html:
 
 def _figures(result: Result) -> Html:
     shown = ('rmse', 'median', 'p95', 'max')
-    return table(
-        ['error', *STATISTICS],
-        [[label, *map(number, values)] for label, values in rows(result)],
+    hidden = [k for k, name in enumerate(STATISTICS, 1) if name not in shown]
+    errors = table(
+        ['error', *STATISTICS, 'metric'],
+        [[row.label, *map(number, row.values), tag('code', row.metric)] for row in rows(result)],
         numbers=range(1, len(STATISTICS) + 1),
-        minor=[k for k, name in enumerate(STATISTICS, 1) if name not in shown],
+        minor=[*hidden, len(STATISTICS) + 1],
     )
+    others = table(
+        ['figure', 'value', 'metric'],
+        [[words, number(value), tag('code', name)]
+         for words, name, value in single_figures(result)],
+        numbers=(1,),
+    )  # fmt: skip
+    return joined([errors, others])
 
 
 def _counts(result: Result) -> Iterator[Html]:

@@ -55,7 +55,7 @@ def latex_report(result: Result) -> str:
     """Return the statistics of the errors as a LaTeX table (booktabs)."""
     from tabulate import tabulate
 
-    table = [[label, *map(number, values)] for label, values in rows(result)]
+    table = [[label, *map(number, values)] for label, _, values in rows(result)]
     sides = ('left', *['right'] * len(STATISTICS))
     heads = ['error', *STATISTICS]
     text = tabulate(table, heads, 'latex_booktabs', colalign=sides, disable_numparse=True)

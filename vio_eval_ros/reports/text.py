@@ -4,7 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 import math
+import re
+from typing import NamedTuple
 
+from vio_eval_ros.core.glossary import in_words
+from vio_eval_ros.core.metrics import ALWAYS_ALIGNED
 from vio_eval_ros.core.relative import RPE_KINDS
 from vio_eval_ros.core.statistics import STATISTICS
 from vio_eval_ros.evaluation.result import Input, Result
@@ -19,6 +23,8 @@ RPE_LABELS = {
 # what needs attention is in capitals
 #: share of the ground truth before the first estimate that is worth a line
 LATE_RATIO = 0.01
+#: how metrics begin that are always given under several alignments, or as first published
+ALIGNED = tuple(f'ate_{mode}_' for mode in (*ALWAYS_ALIGNED, 'causal'))
 WORDS = {'pass': 'pass', 'warn': 'warn', 'fail': 'FAIL'}
 
 
@@ -42,7 +48,7 @@ def text_report(result: Result) -> str:
     ]
     lines += [
         f'{label:<27}' + ''.join(f'{number(value):>10}' for value in values)
-        for label, values in rows(result)
+        for label, _, values in rows(result)
     ]
     usual = ', '.join(
         f'{mode} {number(metrics[f"ate_{mode}_trans_rmse_m"])}'
@@ -82,25 +88,49 @@ def headline(result: Result) -> str:
     )
 
 
-def rows(result: Result) -> Iterator[tuple[str, list[float]]]:
+class Row(NamedTuple):
     """
-    Yield a label and the seven statistics of each of the main errors.
+    One of the main errors.
+
+    :param metric: its name, with ``*`` for the statistic.
+    :param values: the seven statistics.
+    """
+
+    label: str
+    metric: str
+    values: list[float]
+
+
+def rows(result: Result) -> Iterator[Row]:
+    """
+    Yield the statistics of each of the main errors.
 
     Displacement and distance stand in for the pose errors where orientations are unknown.
     """
     metrics = result.summary.metrics
 
-    def statistics(prefix: str, unit: str) -> list[float]:
-        return [metrics[f'{prefix}_{statistic}_{unit}'] for statistic in STATISTICS]
+    def row(label: str, prefix: str, unit: str) -> Row:
+        values = [metrics[f'{prefix}_{statistic}_{unit}'] for statistic in STATISTICS]
+        return Row(label, f'{prefix}_*_{unit}', values)
 
-    yield 'ATE position [m]', statistics('ate_trans', 'm')
-    yield 'ATE rotation [deg]', statistics('ate_rot', 'deg')
+    yield row('ATE position [m]', 'ate_trans', 'm')
+    yield row('ATE rotation [deg]', 'ate_rot', 'deg')
     kinds = ('disp', 'dist') if result.summary.pairs.rotations is None else ('trans', 'rot')
     for delta in result.config.rpe_deltas:
         for kind in kinds:
             unit = RPE_KINDS[kind]
             label = f'RPE {delta} {RPE_LABELS[kind]} [{unit}]'
-            yield label, statistics(f'rpe_{delta}_{kind}', unit)
+            yield row(label, f'rpe_{delta}_{kind}', unit)
+
+
+def single_figures(result: Result) -> Iterator[tuple[str, str, float]]:
+    """Yield words, metric and value of all known figures that are no statistic of an error."""
+    statistics = re.compile(f'_(?:{"|".join(STATISTICS)})_(?:m|deg)$')
+    for metric, value in result.summary.metrics.items():
+        of_alignment = metric.startswith(ALIGNED)
+        counted = value or not metric.endswith('_segments')
+        if counted and not math.isnan(value) and (of_alignment or not statistics.search(metric)):
+            yield in_words(metric), metric, value
 
 
 def _revisions(metrics: Mapping[str, float]) -> Iterator[str]:
@@ -113,6 +143,9 @@ def _revisions(metrics: Mapping[str, float]) -> Iterator[str]:
 
 
 def _drift(metrics: Mapping[str, float]) -> Iterator[str]:
+    if not math.isnan(metrics['drift_percent']):
+        drift = number(metrics['drift_percent'])
+        yield f'drift from the first pair to the last: {drift} % of the path'
     for name, value in metrics.items():
         if name.endswith('_trans_percent') and not math.isnan(value):
             prefix = name.removesuffix('_trans_percent')
