@@ -777,7 +777,7 @@ def test_an_unindexed_mcap_may_be_out_of_order(tmp_path):
 
 
 def test_json_that_is_not_the_type_it_says_is_refused_with_what_is_missing(recording):
-    with pytest.raises(ReadError, match=r'PoseStamped is not read: .* no attribute .header'):
+    with pytest.raises(ReadError, match=r"PoseStamped is not read: .* \(without 'header'\)"):
         read(recording('bare mcap with foreign topics'), '/json_pose')
 
 
@@ -968,7 +968,7 @@ def test_a_length_beyond_all_memory_is_taken_for_damage(recording, monkeypatch):
         raise MemoryError
 
     monkeypatch.setattr('vio_eval_ros.recordings.mcap_storage.SeekingReader', exhausted)
-    assert 'MemoryError' in refused(recording('bare mcap'))
+    assert 'a length that no memory has' in refused(recording('bare mcap'))
 
 
 def test_an_interruption_is_not_taken_for_damage(recording):

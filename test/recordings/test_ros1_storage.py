@@ -1,9 +1,11 @@
 """ROS 1 bags: each chunk is decompressed once, with an index or without; damage is one line."""
 
 import bz2
+from collections.abc import Iterator
 from contextlib import ExitStack, suppress
 from pathlib import Path
 import random
+import re
 import struct
 
 import lz4.frame
@@ -19,6 +21,7 @@ from vio_eval_ros.recordings import ros1_storage
 from vio_eval_ros.recordings.container import Container
 from vio_eval_ros.recordings.recording import Recording
 from vio_eval_ros.recordings.ros1_storage import Ros1Storage
+from vio_eval_ros.recordings.sources import read_sources
 
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
 STRING = 'std_msgs/msg/String'
@@ -185,6 +188,74 @@ def test_no_damage_gives_anything_but_messages_or_one_line(bag):
             path.write_bytes(damaged)
             with suppress(ReadError):
                 messages(path, '/a', '/b')
+
+
+# What errors of Python and of libraries say to programmers.
+INNER = re.compile(
+    r"b'|unpack|buffer|codec|object|subscript|argument|index out of|NoneType|__|[a-z](Error|Exit)"
+)
+#: what a recorder writes into a bag, of which one letter or the value is spoilt
+NAMES = (
+    'op conn time topic type message_definition size compression chunk_pos index_pos conn_count '
+    'chunk_count start_time end_time ver count md5sum'
+).split()
+
+
+def damaged(whole: bytes, dice: random.Random) -> Iterator[bytes]:
+    """Yield a bag with what disks and programs do to one."""
+    for part in (1e-4, 0.001, 0.01, 0.2, 0.5, 0.9, 0.99, 0.9999):
+        yield whole[: max(int(len(whole) * part), len(ros1_storage.MAGIC))]
+    for name in NAMES:
+        for at in {whole.find(f'{name}='.encode()), whole.rfind(f'{name}='.encode())}:
+            for place, value in ((at, ord('X')), (at + len(name) + 1, 0xFF)):
+                yield whole[:place] + bytes([value]) + whole[place + 1 :]
+    ends = [*range(len(ros1_storage.MAGIC), 5000), *range(len(whole) - 2500, len(whole))]
+    for at in dice.sample(ends, 150):  # headers, definitions and the index
+        yield whole[:at] + bytes([whole[at] ^ 1 << dice.randrange(8)]) + whole[at + 1 :]
+        yield whole[:at] + bytes(40) + whole[at + 40 :]
+
+
+@pytest.mark.slow
+def test_what_is_said_of_damage_is_in_plain_words(tmp_path):
+    whole = recorded.write(tmp_path / 'run', 'ros1', recorded.odometry()).read_bytes()
+    path, said = tmp_path / 'damaged.bag', set()
+    for content in damaged(whole, random.Random(3)):
+        path.write_bytes(content)
+        try:
+            read_sources(['/vio/odometry'], path)
+        except ReadError as error:
+            said.add(str(error).replace(str(path), ''))
+    assert len(said) > 30
+    assert not [line for line in said if INNER.search(line)]
+
+
+def test_an_index_that_counts_messages_of_no_topic_is_damaged(tmp_path):
+    path = recorded.write(tmp_path / 'run', 'ros1', recorded.odometry())
+    content = path.read_bytes()
+    at = content.rfind(b'conn=') + len(b'conn=')  # of the topic, in the index
+    path.write_bytes(content[:at] + b'\x09' + content[at + 1 :])
+    said = complaint('replay', path, '--estimate', '/vio/odometry', '--ground-truth', '/gt')
+    assert 'its index counts messages of a topic that it does not name' in said
+
+
+@pytest.mark.parametrize(
+    ('old', 'new', 'words'),
+    [
+        (b'float64 z', b'fl{at64 z', "cannot be read from 'fl{at64 z' on"),
+        (
+            b'Quaternion or',
+            b'Quatornion or',
+            'nests geometry_msgs/msg/Quatornion, which it does not',
+        ),
+        (b'float64 w', b'float64 v', "otherwise than usual (without 'w')"),
+        (b'Point position', b'Point_position', "cannot be read from 'geometry_msgs/Point_posit"),
+    ],
+)
+def test_of_a_damaged_definition_is_said_where_it_is(tmp_path, old, new, words):
+    path = changed(recorded.write(tmp_path / 'run', 'ros1', recorded.odometry()), old, new)
+    with pytest.raises(ReadError) as refused:
+        read_sources(['/vio/odometry'], path)
+    assert words in str(refused.value)
 
 
 def changed(bag: Path, old: bytes, new: bytes) -> Path:

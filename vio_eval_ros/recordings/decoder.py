@@ -136,7 +136,7 @@ class Decoder:
                 raise ReadError(
                     self.source,
                     f'{self.msgtype} is not read: here it is defined otherwise than usual '
-                    f'({error})',
+                    f"(without '{error.name}')",
                 ) from None
 
 

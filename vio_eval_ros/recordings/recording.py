@@ -116,12 +116,13 @@ class Recording(Container):
             received[channel.topic] += 1
             for sink in sinks[channel.topic]:
                 sink(log_ns, raw)
+        other = ', or its metadata.yaml belongs to another recording' * self.path.is_dir()
         for name, count in expected.items():
             if received[name] < count:
                 raise ReadError(
                     f'{self.path}:{name}',
                     f'only {received[name]} of the {count} messages in the index are there; the '
-                    'recording is damaged, or its metadata.yaml belongs to another recording',
+                    f'recording is damaged{other}',
                 )
 
     def _check(self, spec: str, poses: Poses, recorded: bool) -> None:

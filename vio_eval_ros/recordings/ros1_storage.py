@@ -43,7 +43,12 @@ U32 = struct.Struct('<I')
 U64 = struct.Struct('<Q')
 TIME = struct.Struct('<II')
 
-Fields = dict[bytes, bytes]
+
+class Fields(dict[bytes, bytes]):
+    """The named fields of a header."""
+
+    def __missing__(self, name: bytes) -> bytes:
+        raise ValueError(f"a record has no field '{name.decode()}'")
 
 
 class Chunk(NamedTuple):
@@ -152,6 +157,8 @@ class Ros1Storage:
 
     def _located(self, data: bytes, names: set[str]) -> Iterator[Located]:
         for message in _messages(data):
+            if message.connection not in self._channels:
+                raise ValueError('a message is of a topic that the index does not name')
             if self._channels[message.connection].topic in names:
                 yield message
 
@@ -210,6 +217,8 @@ class Ros1Storage:
             (position,) = U64.unpack(fields[b'chunk_pos'])
             times = _time_ns(fields[b'start_time']), _time_ns(fields[b'end_time'])
             found = dict(struct.iter_unpack('<II', self._read(size)))
+            if not found.keys() <= self._connections.keys():
+                raise ValueError('its index counts messages of a topic that it does not name')
             self._chunks.append(Chunk(position, *times, found))
         self._chunks.sort(key=attrgetter('position'))
 
@@ -265,7 +274,7 @@ class Ros1Storage:
 
 def _fields(header: bytes) -> Fields:
     """Return the named fields of a header."""
-    found, at = {}, 0
+    found, at = Fields(), 0
     while at < len(header):
         (size,) = U32.unpack_from(header, at)
         name, _, value = header[at + 4 : at + 4 + size].partition(b'=')

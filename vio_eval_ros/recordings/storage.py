@@ -71,9 +71,11 @@ class Channel:
             defined = _types_of_idl(text) if is_idl else get_types_from_msg(text, self.msgtype)
             types.register(_completed(defined, standard))
         except Exception as error:  # of rosbags, anything
-            reason = next(iter(str(error).splitlines()), type(error).__name__)
+            lines = str(error).splitlines()
+            # of the parser: what it parsed, and at which character it ended, before the rest
+            where = f' from {lines[3][:40]!r} on' if len(lines) > 3 else f' ({"".join(lines[:1])})'
             raise RefusedError(
-                f'has a definition of {self.msgtype} that cannot be read ({reason})'
+                f'has a definition of {self.msgtype} that cannot be read{where}'
             ) from error
         return types
 
@@ -205,7 +207,9 @@ def _completed(defined: dict[str, Any], standard: Typestore) -> dict[str, Any]:
         _, fields = open_ends.pop()
         for _, (kind, of) in fields:
             nested, name = of[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, of)
-            if nested == Nodetype.NAME and name not in complete and name in standard.fielddefs:
+            if nested == Nodetype.NAME and name not in complete:
+                if name not in standard.fielddefs:
+                    raise ValueError(f'it nests {name}, which it does not define')
                 complete[name] = standard.fielddefs[name]
                 open_ends.append(complete[name])
     return complete

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, ExitStack
 from pathlib import Path
 import stat
+import struct
 from textwrap import shorten
 from typing import NamedTuple
 
@@ -41,6 +42,20 @@ FILE_KINDS = {
     ),
     'mcap': FileKind(
         mcap_storage.MAGIC, '.mcap', 'an mcap file', '`mcap recover`', mcap_storage.McapStorage
+    ),
+}
+# What the errors of Python itself mean, whose own words are those of a programmer.
+IN_WORDS: dict[type[Exception], str] = {
+    struct.error: 'a number ends behind the end of its record',
+    IndexError: 'a record is too short',
+    EOFError: 'it ends in the middle of a record',
+    UnicodeError: 'what should be text is none',
+    MemoryError: 'it states a length that no memory has',
+    OverflowError: 'it states a number that is too large',
+    LookupError: 'it refers to something that is not in it',
+    **dict.fromkeys(
+        (AssertionError, AttributeError, RecursionError, TypeError),
+        'a record of it makes no sense',
     ),
 }
 EXPECTED = 'expected .bag, .db3, .mcap, one of them with .zstd, or a rosbag2 folder'
@@ -117,12 +132,14 @@ def unreadable(source: object, error: Exception) -> ReadError:
     if isinstance(error, PermissionError):
         return ReadError(source, 'there is no permission to read it')
     # some quote all that they could not read
-    reason = shorten(str(error), 300, placeholder=' ...') or type(error).__name__
-    if isinstance(error, KeyError):
-        reason = f'no entry {reason}'
+    quoted = shorten(str(error), 300, placeholder=' ...')
+    reason = next((words for kind, words in IN_WORDS.items() if isinstance(error, kind)), quoted)
+    if isinstance(error, KeyError) and isinstance(error.args[0], str):
+        reason = f'no entry {quoted}'
     repairs = [one.repair for one in FILE_KINDS.values() if str(source).endswith(one.suffix)]
     rescue = f'; {repairs[0]} may save what is left' if repairs else ''
-    return ReadError(source, f'is damaged or was cut short ({reason}){rescue}')
+    because = f' ({reason})' if reason else ''
+    return ReadError(source, f'is damaged or was cut short{because}{rescue}')
 
 
 @contextmanager
