@@ -269,8 +269,8 @@ def test_numbers_that_are_null_are_dropped(tmp_path):
 @pytest.mark.parametrize(
     ('wrong', 'words'),
     [
-        ({'timestamp': '2023-11-14T22:13:20Z'}, 'is not read: .*attribute'),
-        ({'pose': None}, 'is not read: .*attribute'),
+        ({'timestamp': '2023-11-14T22:13:20Z'}, 'is not read: .*without'),
+        ({'pose': None}, 'is not read: .*without'),
         ({'pose': {'position': vector((1, 2, 3))}}, 'is not read: .*orientation'),
         ({'timestamp': {'sec': 10**30, 'nsec': 0}}, 'damaged'),
         ({'pose': {'position': {'x': 'a', 'y': 0, 'z': 0}, 'orientation': {}}}, 'is not read'),
