@@ -79,8 +79,25 @@ def test_a_fault_that_one_cure_undoes_is_named_with_what_to_write(name):
     estimate, command = FAULTS[name]
     line = hinted(estimate)
     assert line is not None
-    assert line.startswith(f'likely cause: {name} of the estimate: ')
+    assert line.startswith(
+        f'likely cause: {name} of the estimate (or, if that is right, of the ground truth): '
+    )
     assert command in line
+
+
+@pytest.mark.parametrize('turned', [(0.0, 0.0, 0.0, 1.0), (0.5, -0.5, 0.5, -0.5)])
+@pytest.mark.parametrize('inverted', ['the estimate', 'the ground truth'])
+def test_neither_side_is_acquitted_of_what_is_between_them(turned, inverted):
+    # where an estimate is of a camera, the motion does not show which of the sides is inverse
+    camera = with_rotations(rotation.multiply(ESTIMATE.rotations, np.array(turned)))
+    sides = {'the estimate': camera, 'the ground truth': TRUTH}
+    back = rotation.conjugate(sides[inverted].rotations)
+    positions = -rotation.rotate(back, sides[inverted].positions)
+    sides[inverted] = replace(sides[inverted], positions=positions, rotations=back)
+    line = hinted(*sides.values())
+    assert line is not None
+    assert line.startswith('likely cause: pose_inverted of ')
+    assert f'of {inverted} (' in line or f'of {inverted})' in line
 
 
 def test_the_unit_of_a_truth_is_stated_after_its_spec():

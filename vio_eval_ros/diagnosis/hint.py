@@ -39,6 +39,7 @@ SMALL_ERROR_M = 0.01
 CONVENTIONS = ('quaternion_conjugated', 'quaternion_order', 'pose_inverted', 'axes_swapped')
 MODES = ('se3', 'sim3')
 FLAGS_OF = {'estimate': '--estimate', 'ground_truth': '--ground-truth'}
+OTHER_SIDE = {'estimate': 'ground_truth', 'ground_truth': 'estimate'}
 
 
 def hint(
@@ -50,6 +51,9 @@ def hint(
 ) -> str | None:
     """
     Return the likely cause of figures that one cure would mend, and what to write to try it.
+
+    It names the side that is more likely, and the other one: from the difference of two sides
+    alone it does not follow which of them is written otherwise than it says.
 
     It takes milliseconds, unless the figures are suspicious: then a diagnosis of the pairs
     decides. None where nothing is suspicious, or nothing is found.
@@ -83,7 +87,10 @@ def hint(
     cause = cures[0]
     command = _command(cause, specs)
     what = f'try {command}' if command else 'diagnose says more'
-    return f'likely cause: {cause.name} of {SIDE_NAMES[cause.side]}: {cause.evidence}; {what}'
+    # what a cure undoes is between the sides: the one that a header lies about may be the other
+    side, other = SIDE_NAMES[cause.side], SIDE_NAMES[OTHER_SIDE[cause.side]]
+    whose = f'{side} (or, if that is right, of {other})'
+    return f'likely cause: {cause.name} of {whose}: {cause.evidence}; {what}'
 
 
 def _is_suspicious(pairs: Pairs, metrics: Mapping[str, float], config: EvaluationConfig) -> bool:
