@@ -3,20 +3,28 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
+from functools import partial
 import json
 from pathlib import Path
 
+from vio_eval_ros.cli.command import called_as
 from vio_eval_ros.cli.inputs import add_inputs, sources_of
 from vio_eval_ros.cli.limits import add_limits, chosen_limits
 from vio_eval_ros.cli.shell import add_options, config_of, Parser, progress, run
-from vio_eval_ros.core.config import nearest_name
+from vio_eval_ros.cli.targets import add_reports, check_targets, show, Target, written
+from vio_eval_ros.core.config import EvaluationConfig, nearest_name
 from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.diagnosis.causes import CAUSES
+from vio_eval_ros.diagnosis.command import correcting_command
 from vio_eval_ros.diagnosis.documents import diagnosis_text, signals_text
 from vio_eval_ros.diagnosis.limits import DiagnosisLimits
+from vio_eval_ros.diagnosis.page import diagnosis_html, diagnosis_markdown
 from vio_eval_ros.diagnosis.recorded import diagnose_sources, read_gyroscope, read_signal
+from vio_eval_ros.diagnosis.report import Diagnosis
 from vio_eval_ros.diagnosis.signals import lag_of_signals
-from vio_eval_ros.errors import ConfigError, FAILED, PASSED
+from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE
+from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.rendering.text import printable
 
 VERB = 'diagnose'
@@ -32,7 +40,7 @@ exit status: 0 diagnosed, 1 a cause named by --fail-on was found, 2 not diagnose
 """
 #: with --signals none of these makes sense
 OF_TRAJECTORIES = (
-    'recording', 'estimate', 'ground_truth', 'times', 'imu', 'apply', 'fail_on', 'limits'
+    'recording', 'estimate', 'ground_truth', 'times', 'imu', 'apply', 'fail_on', 'limits', 'report'
 )  # fmt: skip
 
 
@@ -60,9 +68,7 @@ def _parser() -> Parser:
         help='only measure the lag between two signals, files of time and value',
     )
     output = parser.add_argument_group('output')
-    output.add_argument(
-        '--json', action='store_true', help='print the diagnosis as JSON, and nothing else'
-    )
+    add_reports(output, REPORTS)
     output.add_argument(
         '--apply',
         action='store_true',
@@ -84,19 +90,56 @@ def _run(arguments: argparse.Namespace) -> int:
     failing = _failing(arguments.fail_on)
     config = config_of(arguments)
     limits = chosen_limits(arguments, VERB, DiagnosisLimits)
+    targets = [Target.parse(text, REPORTS) for text in arguments.report]
     estimate, truth = sources_of(arguments, arguments.estimate)
+    check_targets(targets, [*estimate.paths, *truth.paths], arguments.json)
     rates = None
     if arguments.imu is not None:
         rates = read_gyroscope(arguments.imu, arguments.recording, progress)
     diagnosis = diagnose_sources(
         estimate, truth, config, profile=arguments.profile, limits=limits, gyroscope=rates
     )
+    command = _command(arguments, diagnosis, estimate, truth, config)
+    title = f'{estimate.spec} against {truth.spec}'
+    done = [
+        written(VERB, target, partial(REPORTS[target.format], diagnosis, title, command))
+        for target in targets
+    ]
     if arguments.json:
-        document = diagnosis.to_dict(errors=arguments.apply)
-        print(json.dumps(document, indent=2, allow_nan=False))
+        print(_json(diagnosis, errors=arguments.apply), end='')
     else:
-        print('\n'.join(map(printable, diagnosis_text(diagnosis, errors=arguments.apply))))
+        lines = diagnosis_text(diagnosis, arguments.apply, command)
+        show(lambda: ''.join(f'{printable(line)}\n' for line in lines), targets)
+    if not all(done):
+        return UNABLE
     return FAILED if {cause.name for cause in diagnosis.causes} & failing else PASSED
+
+
+def _command(
+    arguments: argparse.Namespace,
+    diagnosis: Diagnosis,
+    estimate: Source,
+    truth: Source,
+    config: EvaluationConfig,
+) -> str:
+    """Return what to type so that flags correct all that they can; empty where none does."""
+    inputs = [str(arguments.recording)] if arguments.recording else []
+    inputs += ['--times', str(arguments.times)] if arguments.times else []
+    specs = {'estimate': estimate.spec, 'ground_truth': truth.spec}
+    command = correcting_command(diagnosis.causes, specs, config, inputs)
+    return f'{called_as()} {command}'.strip() if command else ''
+
+
+def _json(diagnosis: Diagnosis, title: str = '', command: str = '', errors: bool = False) -> str:
+    """Return the diagnosis in schema ``vio_eval_ros.diagnosis/1``."""
+    return json.dumps(diagnosis.to_dict(errors=errors), indent=2, allow_nan=False) + '\n'
+
+
+REPORTS: dict[str, Callable[[Diagnosis, str, str], str]] = {
+    'json': _json,
+    'markdown': diagnosis_markdown,
+    'html': diagnosis_html,
+}
 
 
 def _failing(listed: str | None) -> set[str]:
@@ -112,7 +155,7 @@ def _failing(listed: str | None) -> set[str]:
 def _signals(arguments: argparse.Namespace) -> int:
     """Print the lag between two signals."""
     for name in OF_TRAJECTORIES:
-        if getattr(arguments, name) not in (None, False):
+        if getattr(arguments, name):
             flag = name.upper() if name == 'recording' else f'--{name.replace("_", "-")}'
             raise ConfigError(f'--signals stands alone: leave out {flag}')
     signals = [read_signal(path) for path in arguments.signals]

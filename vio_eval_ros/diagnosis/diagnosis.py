@@ -63,8 +63,9 @@ def diagnose(
     :param limits: what counts as healthy.
     :raises NoPairs: where there are too few poses, or the two sides have no time in common.
     """
-    diagnosis = diagnose_run(DiagnosedRun.received(estimate, truth, config), limits)
-    return replace(diagnosis, begin_ns=int(estimate.stamps_ns[0]))
+    run = DiagnosedRun.received(estimate, truth, config)
+    diagnosis = diagnose_run(run, limits)
+    return replace(diagnosis, begin_ns=int(estimate.stamps_ns[0]), run=run)
 
 
 def diagnose_run(run: DiagnosedRun, limits: DiagnosisLimits = DEFAULT) -> Diagnosis:

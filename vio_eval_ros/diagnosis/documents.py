@@ -19,24 +19,32 @@ LISTED = 5
 RELIABLE_CORRELATION = 0.6
 
 
-def diagnosis_text(diagnosis: Diagnosis, errors: bool = False) -> list[str]:
+def diagnosis_text(diagnosis: Diagnosis, errors: bool = False, command: str = '') -> list[str]:
     """
     Return the lines of a diagnosis: what was assumed, causes, what cannot be told, warnings.
 
     :param errors: whether to list the errors before and after all causes are undone.
+    :param command: that corrects all that flags can correct, where there is one.
     """
     lines = [line for sentence in diagnosis.assumed for line in (f'warning: {sentence}', '')]
     others = diagnosis.warnings[len(diagnosis.assumed) :]
     lines += _causes(diagnosis) if diagnosis.causes else _no_causes(diagnosis, others)
+    if command:
+        lines += ['', f'corrected by: {command}']
     if diagnosis.cannot_tell:
-        names = ', '.join(diagnosis.cannot_tell)
-        lines += ['', f'cannot tell, because the motion or the data do not show it: {names}']
+        lines += ['', cannot_tell(diagnosis)]
     lines += [line for warning in others for line in ('', f'warning: {warning}')]
     if errors:
         lines += _before_and_after(diagnosis)
     if diagnosis.gyroscope is not None:
         lines += _gyroscope(diagnosis.gyroscope)
     return lines
+
+
+def cannot_tell(diagnosis: Diagnosis) -> str:
+    """Return which causes this run cannot show."""
+    names = ', '.join(diagnosis.cannot_tell)
+    return f'cannot tell, because the motion or the data do not show it: {names}'
 
 
 def _no_causes(diagnosis: Diagnosis, others: Sequence[str]) -> list[str]:
@@ -54,18 +62,22 @@ def _causes(diagnosis: Diagnosis) -> list[str]:
     for place, cause in enumerate(diagnosis.causes, 1):
         if place > 1:
             lines.append('')
-        lines += [
-            f'{place}. {cause.name}  (confidence {percent(cause.confidence)})',
-            f'   {SIDE_NAMES[cause.side]}: {cause.evidence}.',
-        ]
-        if math.isfinite(cause.ate_before_m + cause.ate_after_m):
-            lines.append(
-                f'   ATE {number(cause.ate_before_m)} m as it is'
-                + (', with the causes above undone' if place > 1 else '')
-                + f'; {number(cause.ate_after_m)} m with this one undone.'
-            )
-        lines += [*_moments(cause, diagnosis), f'   {cause.advice}', *_flags(cause)]
+        lines.append(f'{place}. {cause.name}  (confidence {percent(cause.confidence)})')
+        lines += [f'   {sentence}' for sentence in sentences_of(cause, diagnosis)]
     return lines
+
+
+def sentences_of(cause: Cause, diagnosis: Diagnosis) -> list[str]:
+    """Return what there is to say of a cause: evidence, ATE, moments, advice, flags."""
+    lines = [f'{SIDE_NAMES[cause.side]}: {cause.evidence}.']
+    if math.isfinite(cause.ate_before_m + cause.ate_after_m):
+        first = cause is diagnosis.causes[0]
+        lines.append(
+            f'ATE {number(cause.ate_before_m)} m as it is'
+            + ('' if first else ', with the causes above undone')
+            + f'; {number(cause.ate_after_m)} m with this one undone.'
+        )
+    return [*lines, *_moments(cause, diagnosis), cause.advice, *_flags(cause)]
 
 
 def _flags(cause: Cause) -> list[str]:
@@ -74,7 +86,7 @@ def _flags(cause: Cause) -> list[str]:
         return []
     appended = cause.flags[0].startswith('?')
     where = f'append to the spec of {SIDE_NAMES[cause.side]}' if appended else 'replay'
-    return [f'   {where}: {shlex.join(cause.flags)}']
+    return [f'{where}: {shlex.join(cause.flags)}']
 
 
 def _moments(cause: Cause, diagnosis: Diagnosis) -> list[str]:
@@ -98,8 +110,8 @@ def _moments(cause: Cause, diagnosis: Diagnosis) -> list[str]:
         moments = [at(stamp) for stamp in findings['outlier_poses']['stamps_ns']]
     elif cause.name == 'lost_tracking':
         moments = [f'{at(gap["begin_ns"])}: {gap["seconds"]:.1f} s' for gap in findings['gaps']]
-    more = [f'   and {len(moments) - LISTED} more'] if len(moments) > LISTED else []
-    return [f'   at {moment}' for moment in moments[:LISTED]] + more
+    more = [f'and {len(moments) - LISTED} more'] if len(moments) > LISTED else []
+    return [f'at {moment}' for moment in moments[:LISTED]] + more
 
 
 def _before_and_after(diagnosis: Diagnosis) -> list[str]:

@@ -15,6 +15,7 @@ from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.metrics import position_errors
 from vio_eval_ros.core.statistics import root_mean_square
 from vio_eval_ros.core.trajectory import Pairs, Trajectory
+from vio_eval_ros.diagnosis.command import FLAGS_OF
 from vio_eval_ros.errors import NoPairs
 from vio_eval_ros.recordings.spec import Spec, STATEMENTS, with_statement
 
@@ -38,7 +39,6 @@ SMALL_ERROR_M = 0.01
 #: causes that show in the orientations
 CONVENTIONS = ('quaternion_conjugated', 'quaternion_order', 'pose_inverted', 'axes_swapped')
 MODES = ('se3', 'sim3')
-FLAGS_OF = {'estimate': '--estimate', 'ground_truth': '--ground-truth'}
 OTHER_SIDE = {'estimate': 'ground_truth', 'ground_truth': 'estimate'}
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from vio_eval_ros.core.limits import PROFILES
 from vio_eval_ros.core.statistics import without_nan
@@ -11,6 +11,9 @@ from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.diagnosis.gyroscope import GyroscopeComparison
 from vio_eval_ros.diagnosis.limits import DEFAULT, DiagnosisLimits
 from vio_eval_ros.diagnosis.warnings import warnings_of
+
+if TYPE_CHECKING:
+    from vio_eval_ros.diagnosis.diagnosed_run import DiagnosedRun
 
 SCHEMA = 'vio_eval_ros.diagnosis/1'
 
@@ -62,6 +65,7 @@ class Diagnosis:
     :param limits: what counted as healthy.
     :param profile: the platform that the limits are of.
     :param gyroscope: what a gyroscope says of the estimate, where one was given.
+    :param run: the poses that were diagnosed, as they came; None where they are not at hand.
     :param assumed: what was taken for granted when the sides were read, as sentences.
     """
 
@@ -75,6 +79,7 @@ class Diagnosis:
     limits: DiagnosisLimits = DEFAULT
     profile: str = PROFILES[0]
     gyroscope: GyroscopeComparison | None = None
+    run: DiagnosedRun | None = None
     assumed: tuple[str, ...] = ()
 
     @property
