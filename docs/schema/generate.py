@@ -39,6 +39,8 @@ DRAFT = 'https://json-schema.org/draft/2020-12/schema'
 NUMBER = {'type': 'number'}
 NOT_NEGATIVE = {'type': 'number', 'minimum': 0}
 TEXT = {'type': 'string'}
+NAME = {'type': 'string', 'minLength': 1}
+BRACES = '{sequence} and {system} stand for names'
 TEXTS = {'anyOf': [TEXT, {'type': 'array', 'items': TEXT}]}
 DELTA = {'type': 'string', 'pattern': r'^(\d+(\.\d*)?|\.\d+)[fsmd%]$'}
 
@@ -212,46 +214,70 @@ def keys_of_suite_or_sequence() -> Schema:
     }
 
 
-def keys_of_sequence() -> Schema:
-    """Return the properties that a sequence alone may state."""
-    name = {'type': 'string', 'minLength': 1}
-    return {
-        'name': described(name, 'name of the sequence'),
-        'estimate': described(
-            name,
-            'file, or topic of the recording; a glob is one run for each match',
-        ),
-        'causal': described(TEXT, 'the same runs as first published'),
-        'ground_truth': described(name, 'file or folder, or topic of the recording'),
-        'recording': described(TEXT, 'bag in which topics are; a glob is one run for each match'),
-        'times': described(TEXT, 'stamps of KITTI poses'),
+def paths() -> Schema:
+    """Return the properties that say what is read; a suite may state them for all."""
+    meanings = {
+        'estimate': 'file, or topic of the recording; a glob is one run for each match',
+        'causal': 'the same runs as first published',
+        'ground_truth': 'file or folder, or topic of the recording',
+        'recording': 'bag in which topics are; a glob is one run for each match',
+        'times': 'stamps of KITTI poses',
     }
+    assert tuple(meanings) == loading.PATH_KEYS
+    return {key: described(NAME, f'{meaning}; {BRACES}') for key, meaning in meanings.items()}
+
+
+def listed(name: str) -> Schema:
+    """Return the schema of a list of sequences or systems; a name alone is one, too."""
+    item = {'anyOf': [NAME, {'$ref': f'#/$defs/{name}'}]}
+    return {'type': 'array', 'items': item, 'minItems': 1}
 
 
 def suite_file() -> Schema:
-    own, shared = keys_of_sequence(), keys_of_suite_or_sequence()
+    own, shared = paths(), keys_of_suite_or_sequence()
     assert tuple(shared) == loading.SHARED_KEYS
-    assert {*own, *shared} == set(loading.SEQUENCE_KEYS)
-    of_shared = {key: {'$ref': f'#/$defs/{key}'} for key in shared}
-    sequence = table({**own, **of_shared}, required=['name', 'estimate', 'ground_truth'])
+    referred = {key: {'$ref': f'#/$defs/{key}'} for key in (*own, *shared)}
+    of_sequence = {'name': described(NAME, 'name of the sequence'), **referred}
+    of_system = {'name': described(NAME, 'name of the system, without a slash'), **referred}
+    assert set(of_sequence) == set(loading.SEQUENCE_KEYS)
     top = table(
         {
-            'sequences': {'type': 'array', 'items': {'$ref': '#/$defs/sequence'}, 'minItems': 1},
+            'sequences': listed('sequence'),
+            'systems': described(
+                listed('system'),
+                'systems to compare on all sequences; by default those that {system} in '
+                '`estimate` or `recording` finds',
+            ),
             'manifest': described(TEXT, 'file to which the manifest is written'),
-            **of_shared,
+            **referred,
         },
         'A suite for `score`. Paths are relative to it. What a sequence states goes over what the '
-        'suite states, name by name.',
+        'suite states, and what a system states over both, name by name.',
         required=['sequences'],
     )
     one = {'$ref': '#/$defs/gate'}
     definitions = {
-        'sequence': sequence,
+        'sequence': table(of_sequence, required=['name']),
+        'system': table({key: of_system[key] for key in loading.SYSTEM_KEYS}, required=['name']),
         'gates_of_metric': {'anyOf': [one, {'type': 'array', 'items': one, 'minItems': 1}]},
         'gate': gate(criteria.GATE_KEYS),
         'rule': rules(),
     }
-    return {**top, '$defs': {**definitions, **shared}}
+    # each is stated for all, or for every one
+    everywhere = [
+        {
+            'anyOf': [
+                {'required': [key]},
+                {'properties': {'sequences': {'items': {'required': [key], 'type': 'object'}}}},
+                *more,
+            ]
+        }
+        for key, more in (
+            ('estimate', [{'required': ['systems']}]),
+            ('ground_truth', []),
+        )
+    ]
+    return {**top, 'allOf': everywhere, '$defs': {**definitions, **own, **shared}}
 
 
 def bands_file() -> Schema:

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 import os
 from pathlib import Path
 import sys
 from typing import Any
 
+from vio_eval_ros.cli.completion import complete
 from vio_eval_ros.cli.shell import complain, Parser, run
 from vio_eval_ros.cli.targets import add_reports, check_targets, show, Target, written
+from vio_eval_ros.comparison.matrix import check_metrics
+from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE
 from vio_eval_ros.rendering.text import printable
 from vio_eval_ros.scoring.baseline import Baseline, CONDITIONS, definition_sha256
@@ -81,6 +86,14 @@ def _add_selection(parser: Parser) -> None:
         metavar='TAG',
         help='score only the sequences with one of these tags or names',
     )
+    metric = parser.add_argument(
+        '--metric',
+        nargs='+',
+        default=[],
+        metavar='NAME',
+        help='by which the systems of the suite are compared (default: ATE and RPE)',
+    )
+    complete(metric, lambda **_: metric_names(EvaluationConfig()))
     parser.add_argument(
         '--jobs',
         type=int,
@@ -125,11 +138,13 @@ def _score(arguments: argparse.Namespace) -> int:
     if arguments.jobs < 1:
         raise ConfigError('--jobs: must be at least 1')
     suite = load_suite(arguments.suite, arguments.set, arguments.tags)
+    _check_metrics(arguments.metric, suite)
     outputs = _outputs(arguments, suite)
     baseline = None if arguments.baseline is None else Baseline.load(arguments.baseline)
     if baseline is not None:  # what can be checked before hours of scoring
-        baseline.check({one.name: one.conditions for one in suite.sequences}, arguments.accept)
+        baseline.check({one.title: one.conditions for one in suite.sequences}, arguments.accept)
     result = score_suite(suite, arguments.jobs, _progress)
+    result = replace(result, metrics=tuple(arguments.metric))
     if baseline is not None:
         result = compare_suite(result, baseline, arguments.accept)
     done = [written('score', target, partial(render, result)) for target, render in outputs]
@@ -138,6 +153,14 @@ def _score(arguments: argparse.Namespace) -> int:
     if not all(done):
         return UNABLE
     return PASSED if result.passed else FAILED
+
+
+def _check_metrics(metrics: Sequence[str], suite: Suite) -> None:
+    """Check that systems are compared by metrics that there are."""
+    if metrics and not suite.has_systems:
+        raise ConfigError('--metric is for suites that compare systems: [{name, estimate}]')
+    for config in dict.fromkeys(one.config for one in suite.sequences):
+        check_metrics(metrics, [*metric_names(config)])
 
 
 def _outputs(
@@ -178,7 +201,7 @@ def _verify(arguments: argparse.Namespace) -> int:
 
 def _recorded(result: SuiteResult) -> str:
     """Return the result as a baseline."""
-    recorded = {one.sequence.name: one.recorded for one in result.sequences}
+    recorded = {one.sequence.title: one.recorded for one in result.sequences}
     for name, one in recorded.items():
         if not one.metrics:
             complain('score', f'{name}: no run was scored, so the baseline has no values of it')

@@ -35,11 +35,13 @@ class CellRun(NamedTuple):
     :param name: as the user named its estimate.
     :param result: None where it could not be scored.
     :param failure: why it could not, or why it is no success; empty for a success.
+    :param missing: whether there is nothing that could have been scored.
     """
 
     name: str
     result: Result | None
     failure: str = ''
+    missing: bool = False
 
     @classmethod
     def of(cls, name: str, result: Result, gates: Sequence[Gate] = SUCCESS_GATES) -> CellRun:
@@ -59,6 +61,11 @@ class Cell:
     def results(self) -> tuple[Result, ...]:
         """The results of the runs that were scored, successes or not."""
         return tuple(run.result for run in self.runs if run.result is not None)
+
+    @property
+    def missing(self) -> bool:
+        """Whether there is no run at all."""
+        return all(run.missing for run in self.runs)
 
     def values(self, metric: str) -> tuple[float, ...]:
         """Return a metric of each run; NaN where it has none."""

@@ -19,6 +19,8 @@ UNSAID = ('trans', 'rot', 'rmse')
 ACRONYMS = ('ate', 'rpe', 'kitti', 'nees', 'se3', 'sim3')
 #: behind a value: its cell has failed, or only some of its runs
 FAILED, PARTLY = '†', '‡'
+#: in place of a value: no run could be scored, or there was none
+UNSCORED, MISSING = 'failed', 'missing'
 #: what a spreadsheet takes for the beginning of a formula
 FORMULAS = ('=', '+', '-', '@')
 LATEX_SPECIAL = {
@@ -95,7 +97,9 @@ def _of_metric(matrix: Matrix, metric: str) -> Table:
     """Return the sequences x systems of one metric, with mean and rank."""
     title, sequences, systems = label(metric), matrix.sequences, matrix.systems
     values = [[_shown(matrix, metric, one, name) for name in systems] for one in sequences]
-    summary = [Row(_mean_name(matrix, metric), _means(matrix, metric))]
+    summary = []
+    if matrix.common(metric):
+        summary.append(Row(_mean_name(matrix, metric), _means(matrix, metric)))
     if any(matrix.ranks(metric, one) for one in sequences) and len(systems) > 1:
         summary.append(Row('rank', _ranks(matrix, metric)))
     if len(systems) <= len(sequences):
@@ -111,7 +115,9 @@ def _shown(matrix: Matrix, metric: str, sequence: str, system: str) -> Shown:
     cell = matrix.cell(sequence, system)
     value = matrix.rounded(metric, sequence, system)
     if math.isnan(value):
-        return Shown('-' if any(not run.failure for run in cell.runs) else 'failed')
+        if any(not run.failure for run in cell.runs):
+            return Shown('-')
+        return Shown(MISSING if cell.missing else UNSCORED)
     decimals, usual = matrix.decimals(metric, sequence, system), matrix.decimals(metric)
     mark = PARTLY if any(cell.failures(metric)) else ''
     return Shown(
@@ -159,19 +165,27 @@ def _ranks(matrix: Matrix, metric: str) -> list[Shown]:
 
 def footnotes(matrix: Matrix) -> Iterator[str]:
     """Yield what marks mean, every failure with its reason, and over what the means are."""
-    marks = {value.mark for one in tables_of(matrix) for row in one.rows for value in row.values}
-    if FAILED in marks:
-        yield f'{FAILED} failed: takes no part in best and mean, and has the last rank'
-    if PARTLY in marks:
+    shown = [value for one in tables_of(matrix) for row in one.rows for value in row.values]
+    words = {value.text for value in shown} & {UNSCORED, MISSING}
+    if FAILED in {value.mark for value in shown} or words:
+        signs = ', '.join([FAILED, UNSCORED, MISSING])
+        yield f'{signs}: takes no part in best and mean, and has the last rank'
+    if PARTLY in {value.mark for value in shown}:
         yield f'{PARTLY} some of its runs failed; they count as the worst in the median'
+    missing: dict[str, list[str]] = {}
     for (sequence, system), cell in matrix.cells.items():
+        if cell.missing:
+            missing.setdefault(system, []).append(sequence)
+            continue
         told = Counter(run.failure for run in cell.runs if run.failure)
         for metric in matrix.metrics:
-            told.update(why for name, why in cell.failures(metric) if why == f'has no {metric}')
+            told.update(why for _, why in cell.failures(metric) if why == f'has no {metric}')
         name = ', '.join(filter(None, (sequence, system)))
         for why, runs in told.items():
             of = f'{runs} of {len(cell.runs)} runs: ' if len(cell.runs) > 1 else ''
             yield f'{name}: {of}{why}'
+    for system, sequences in missing.items():
+        yield f'{system} has no run of {", ".join(sequences)}'
     if len(matrix.sequences) > 1:
         yield from _of_means(matrix)
     yield from matrix.notes

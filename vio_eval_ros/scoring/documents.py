@@ -5,7 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 import math
 
-from vio_eval_ros.comparison.tables import spreadsheet_text
+from vio_eval_ros.comparison.tables import (
+    csv_table,
+    latex_tables,
+    markdown_tables,
+    spreadsheet_text,
+    text_tables,
+)
 from vio_eval_ros.core.gates import Verdict
 from vio_eval_ros.rendering.text import escaped, number, printable
 from vio_eval_ros.reports.documents import junit
@@ -17,7 +23,8 @@ from vio_eval_ros.scoring.tables import (
     broken_gate,
     cautions,
     COLUMNS,
-    problems,
+    failed_of_all,
+    remarks,
     row_of,
     unsuccessful,
     worse_metric,
@@ -42,43 +49,48 @@ def suite_json(result: SuiteResult) -> str:
 
 def suite_text(result: SuiteResult) -> str:
     """Return the table of sequences, worst first, and the problems of each."""
+    table = text_tables(result.matrix()) if result.has_systems else _rows(result)
+    lines = [*table.splitlines(), '']
+    lines += [
+        f'{name}: {"warning: " if is_caution else ""}{text}'
+        for name, is_caution, text in remarks(result)
+    ]
+    lines += [f'note: {note}' for note in result.notes]
+    lines.append(f'{"pass" if result.passed else "FAIL"}: {failed_of_all(result)}')
+    return '\n'.join(map(printable, lines)) + '\n'
+
+
+def _rows(result: SuiteResult) -> str:
     from tabulate import tabulate
 
     rows = [list(map(printable, row)) for row in map(row_of, worst_first(result))]
-    lines = [*tabulate(rows, COLUMNS, 'simple', disable_numparse=True).splitlines(), '']
-    for one in worst_first(result):
-        lines += [f'{one.sequence.name}: {problem}' for problem in problems(one)]
-        lines += [f'{one.sequence.name}: warning: {caution}' for caution in cautions(one)]
-    lines += [f'note: {note}' for note in result.notes]
-    failed = sum(not one.passed for one in result.sequences)
-    lines.append(
-        f'{"FAIL" if failed else "pass"}: {failed} of {len(result.sequences)} sequences failed'
-    )
-    return '\n'.join(map(printable, lines)) + '\n'
+    return tabulate(rows, COLUMNS, 'simple', disable_numparse=True)
 
 
 def suite_markdown(result: SuiteResult) -> str:
     """Return a table that fits a pull-request comment, worst first, with all problems."""
-    failed = sum(not one.passed for one in result.sequences)
-    verdict = (
-        f'❌ {failed} of {len(result.sequences)} sequences failed' if failed else '✅ all pass'
-    )
-    lines = [f'### vio_eval_ros: {verdict}', '', '| ' + ' | '.join(COLUMNS) + ' |']
-    lines.append('|---|' + '---:|' * (len(COLUMNS) - 3) + '---|---|')
-    lines += [
-        '| ' + ' | '.join(map(escaped, row)) + ' |' for row in map(row_of, worst_first(result))
-    ]
+    verdict = '✅ all pass' if result.passed else f'❌ {failed_of_all(result)}'
+    lines = [f'### vio_eval_ros: {verdict}', '']
+    if result.has_systems:
+        lines += markdown_tables(result.matrix()).splitlines()
+    else:
+        lines += ['| ' + ' | '.join(COLUMNS) + ' |']
+        lines.append('|---|' + '---:|' * (len(COLUMNS) - 3) + '---|---|')
+        lines += [
+            '| ' + ' | '.join(map(escaped, row)) + ' |' for row in map(row_of, worst_first(result))
+        ]
     details = [
-        f'- **{escaped(one.sequence.name)}**: {told}'
-        for one in worst_first(result)
-        for told in (*map(escaped, problems(one)), *(f'⚠ {escaped(c)}' for c in cautions(one)))
+        f'- **{escaped(name)}**: {"⚠ " if is_caution else ""}{escaped(text)}'
+        for name, is_caution, text in remarks(result)
     ]
     notes = [f'- {escaped(note)}' for note in result.notes]
     return '\n'.join([*lines, '', *details, *notes]).rstrip() + '\n'
 
 
 def suite_csv(result: SuiteResult) -> str:
-    """Return a row for each run and metric; what is unknown is empty."""
+    """Return a row for each run and metric, or for each metric, sequence and system."""
+    if result.has_systems:
+        return csv_table(result.matrix())
     import csv
     import io
 
@@ -87,7 +99,7 @@ def suite_csv(result: SuiteResult) -> str:
     table.writerow(['sequence', 'estimate', 'metric', 'value'])
     for one in result.sequences:
         for run in one.runs:
-            names = spreadsheet_text(one.sequence.name), spreadsheet_text(run.run.name)
+            names = spreadsheet_text(one.sequence.title), spreadsheet_text(run.run.name)
             if run.result is None:
                 table.writerow([*names, 'error', spreadsheet_text(run.error)])
                 continue
@@ -97,12 +109,14 @@ def suite_csv(result: SuiteResult) -> str:
 
 
 def suite_latex(result: SuiteResult) -> str:
-    """Return a LaTeX table (booktabs) of the sequences, in the order of the suite."""
+    """Return a LaTeX table (booktabs) of the sequences and systems, in the order of the suite."""
+    if result.has_systems:
+        return latex_tables(result.matrix())
     from tabulate import tabulate
 
     rows = [
         [
-            printable(one.sequence.name),
+            printable(one.sequence.title),
             str(len(one.runs)),
             *(
                 number(one.metrics[name].median) if name in one.metrics else '-'
@@ -133,7 +147,7 @@ def suite_junit(result: SuiteResult) -> str:
             for each in one.comparisons or ()
         ]
         values = {name: of.median for name, of in one.metrics.items()}
-        suites.append((one.sequence.name, values, cases, list(cautions(one))))
+        suites.append((one.sequence.title, values, cases, list(cautions(one))))
     return junit(suites)
 
 

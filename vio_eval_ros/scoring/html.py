@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from itertools import compress
 import math
 
+from vio_eval_ros.comparison.tables import html_tables
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.rendering.figures import AMBER, BLUE, GREY, RED
 from vio_eval_ros.rendering.page import (
@@ -30,6 +31,7 @@ from vio_eval_ros.scoring.tables import (
     cautions,
     change,
     COLUMNS,
+    failed_of_all,
     problems,
     row_of,
     worst_first,
@@ -47,17 +49,18 @@ def suite_html(result: SuiteResult) -> str:
     failed = sum(not one.passed for one in ordered)
     scored = (one for one in ordered if any(run.result is not None for run in one.runs))
     worst = next((one for one in scored if not one.passed), None)
-    title = f'{failed} of {len(ordered)} sequences failed' if failed else 'All sequences passed'
+    title = failed_of_all(result) if failed else 'All sequences passed'
     word = 'fail' if failed else 'pass'
     return page(
         f'{title}: evaluation',
         tag('header', tag('div', tag('h1', title)), badge(word, word)),
         tiles(_headlines(result)),
         warnings(result.notes),
+        html_tables(result.matrix()) if result.has_systems else '',
         tag('h2', 'Position error (ATE) of every run'),
         tag('p', *_legend(result), class_='soft'),
         plot(
-            strips('RMSE [m]', [(one.sequence.name, marks(one, ATE)) for one in ordered]),
+            strips('RMSE [m]', [(one.sequence.title, marks(one, ATE)) for one in ordered]),
             60 + 34 * len(ordered),
             'position error of every run, by sequence',
         ),
@@ -75,7 +78,8 @@ def _headlines(result: SuiteResult) -> Iterator[tuple[str, str, str]]:
     unscored = sum(run.result is None for run, _ in runs)
     succeeded = sum(run.succeeded(sequence) for run, sequence in runs)
     failed = sum(not one.passed for one in sequences)
-    yield 'Sequences', str(len(sequences)), f'{failed} failed'
+    what = 'Sequences x systems' if result.has_systems else 'Sequences'
+    yield what, str(len(sequences)), f'{failed} failed'
     yield 'Runs', str(len(runs)), f'{unscored} could not be scored' if unscored else 'all scored'
     yield 'Success', percent(succeeded / len(runs)), 'of the runs kept track and did not diverge'
     compared = [each for one in sequences for each in one.comparisons or ()]
@@ -135,7 +139,7 @@ def _sequence(k: int, one: SequenceResult, worst: bool) -> Html:
         'details',
         tag(
             'summary',
-            one.sequence.name,
+            one.sequence.title,
             ' ',
             badge(word, word),
             tag('span', f' ATE {number(ate.median)} m' if ate else ' not scored', class_='soft'),

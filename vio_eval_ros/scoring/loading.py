@@ -17,7 +17,7 @@ those of the suite, name by name.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -30,12 +30,18 @@ from vio_eval_ros.scoring.matching import matches, runs_of, split_spec
 from vio_eval_ros.scoring.overrides import override
 from vio_eval_ros.scoring.stack import check_stack
 from vio_eval_ros.scoring.suite import RunSpec, Sequence, Suite
-from vio_eval_ros.settings import load_yaml, Section
+from vio_eval_ros.scoring.systems import named, with_systems
+from vio_eval_ros.settings import load_yaml
 
 SHARED_KEYS = ('options', 'gates', 'compare', 'bands', 'modality', 'tags', 'stack', 'calibration')
-SEQUENCE_KEYS = (
-    'name', 'estimate', 'causal', 'ground_truth', 'recording', 'times', *SHARED_KEYS,
-)  # fmt: skip
+#: what is read; a suite may state it for all, with {sequence} and {system} in it
+PATH_KEYS = ('estimate', 'causal', 'ground_truth', 'recording', 'times')
+SEQUENCE_KEYS = ('name', *PATH_KEYS, *SHARED_KEYS)
+SUITE_KEYS = ('sequences', 'systems', 'manifest', *PATH_KEYS, *SHARED_KEYS)
+#: whatever is of the sequence is not of a system
+SYSTEM_KEYS = tuple(
+    key for key in SEQUENCE_KEYS if key not in ('ground_truth', 'times', 'bands', 'tags')
+)
 
 
 def load_suite(file: Path, overrides: Iterable[str] = (), tags: Iterable[str] = ()) -> Suite:
@@ -50,9 +56,9 @@ def load_suite(file: Path, overrides: Iterable[str] = (), tags: Iterable[str] = 
     top, overrides = load_yaml(file), tuple(overrides)
     for text in overrides:
         override(top, text)
-    top.expect('sequences', 'manifest', *SHARED_KEYS)
-    entries = _entries(top)
-    chosen = _tagged(entries, set(tags)) if tags else list(entries.values())
+    top.expect(*SUITE_KEYS)
+    entries = [Entry((top, own), own) for own in named(top, 'sequences', SEQUENCE_KEYS).values()]
+    chosen = with_systems(top, _tagged(entries, set(tags)) if tags else entries, SYSTEM_KEYS)
     manifest = top.text('manifest')
     return Suite(
         file,
@@ -62,38 +68,21 @@ def load_suite(file: Path, overrides: Iterable[str] = (), tags: Iterable[str] = 
     )
 
 
-def _entries(top: Section) -> dict[str, Entry]:
-    """Return what is stated of each sequence, by its name."""
-    listed = top.get('sequences')
-    if not isinstance(listed, list) or not listed:
-        raise top.error('sequences', 'sequences: expected a list of at least one')
-    entries: dict[str, Entry] = {}
-    for own in listed:
-        if not isinstance(own, Section):
-            raise top.error('sequences', 'sequences: each is a mapping with name, estimate...')
-        own.expect(*SEQUENCE_KEYS)
-        entry = Entry((top, own))
-        if entry.name in entries:
-            raise own.error('name', f"there are two sequences '{entry.name}'")
-        entries[entry.name] = entry
-    return entries
-
-
-def _tagged(entries: Mapping[str, Entry], wanted: set[str]) -> list[Entry]:
+def _tagged(entries: Iterable[Entry], wanted: set[str]) -> list[Entry]:
     """Return the sequences that have one of these tags; their name is one of them."""
-    tags = {name: {name, *entry.texts('tags')} for name, entry in entries.items()}
-    known = set().union(*tags.values())
+    tagged = [(entry, {entry.name, *entry.texts('tags')}) for entry in entries]
+    known = set().union(*(tags for _, tags in tagged))
     for tag in sorted(wanted - known):
         raise ConfigError(f"no sequence has the tag '{tag}'{nearest_name(tag, known)}")
-    return [entry for name, entry in entries.items() if wanted & tags[name]]
+    return [entry for entry, tags in tagged if wanted & tags]
 
 
 def _sequence(entry: Entry) -> Sequence:
-    base = entry.own.file.parent
+    base = entry.base
     config = _config(entry)
-    runs = tuple(runs_of(entry.own, base))
-    truth = _ground_truth(entry.own, base, runs)
-    bands, times = entry.text('bands'), entry.own.text('times')
+    runs = tuple(runs_of(entry))
+    truth = _ground_truth(entry, runs)
+    bands, times = entry.text('bands'), entry.path('times')
     return Sequence(
         name=entry.name,
         runs=runs,
@@ -108,20 +97,21 @@ def _sequence(entry: Entry) -> Sequence:
         stack=_stack(entry),
         calibration=tuple(base / path for path in entry.texts('calibration')),
         times=None if times is None else base / times,
+        system=entry.system,
     )
 
 
-def _ground_truth(own: Section, base: Path, runs: Iterable[RunSpec]) -> str:
+def _ground_truth(entry: Entry, runs: Iterable[RunSpec]) -> str:
     """Return the spec of the ground truth, which must exist; and that a recording is needed."""
-    truth, *others = matches(own, 'ground_truth', base)
+    truth, *others = matches(entry, 'ground_truth')
     if others:
-        raise own.error('ground_truth', f'ground_truth: expected one, not {1 + len(others)}')
+        raise entry.error('ground_truth', f'ground_truth: expected one, not {1 + len(others)}')
     path = Path(split_spec(truth.spec)[0])
     if not truth.is_topic and not path.exists():
-        raise own.error('ground_truth', f'ground_truth: there is no {path}')
+        raise entry.error('ground_truth', f'ground_truth: there is no {path}')
     topics = [truth.is_topic, *(Spec.parse(run.estimate).path is None for run in runs)]
-    if own.get('recording') is not None and not any(topics):
-        raise own.error('recording', 'recording: not needed, since no topic is named')
+    if entry.text('recording') is not None and not any(topics):
+        raise entry.error('recording', 'recording: not needed, since no topic is named')
     return truth.spec
 
 
@@ -133,7 +123,7 @@ def _config(entry: Entry) -> EvaluationConfig:
     try:
         return EvaluationConfig.from_mapping(merged)
     except ConfigError as error:  # each is valid, but not all of them together
-        raise entry.own.error('options', error) from None
+        raise entry.error('options', error) from None
 
 
 def _stack(entry: Entry) -> dict[str, Any]:

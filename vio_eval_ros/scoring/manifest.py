@@ -159,17 +159,17 @@ def manifest_of_suite(
     for name, path in (('suite', suite.file), ('baseline', baseline)):
         if path is not None:
             manifest.add_document(name, Document.read(path))
-    stacks = {one.name: Stack.of(one.stack, one.calibration, base) for one in suite.sequences}
+    stacks = {one.title: Stack.of(one.stack, one.calibration, base) for one in suite.sequences}
 
     def finished(result: SuiteResult) -> str:
         for one in result.sequences:
             sequence = one.sequence
             manifest.add_sequence(
-                sequence.name,
+                sequence.title,
                 one.runs,
                 ground_truth=sequence.ground_truth,
                 config=sequence.config,
-                stack=stacks[sequence.name],
+                stack=stacks[sequence.title],
                 times=sequence.times,
                 judgement=judgement(one),
             )

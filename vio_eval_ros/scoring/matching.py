@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.recordings.spec import Spec
+from vio_eval_ros.scoring.entries import Entry
 from vio_eval_ros.scoring.suite import RunSpec
-from vio_eval_ros.settings import Section
 
 WILDCARD = re.compile(r'\*\*/?|\*|\?|\[!?.[^]]*\]')
 WILD = {'**/': '((?:.*/)?)', '**': '(.*)', '*': '([^/]*)'}
@@ -33,9 +33,31 @@ class Match(NamedTuple):
     wild: tuple[str, ...] = ()
 
 
-def runs_of(sequence: Section, base: Path) -> Iterator[RunSpec]:
-    """Yield a run for each match of the estimate, or of the recording that it is in."""
-    for run in _paired(sequence, base):
+class NoMatch(ConfigError):
+    """A glob matches nothing; ``problem`` says so without the line of the suite."""
+
+    def __init__(self, entry: Entry, key: str, problem: str) -> None:
+        super().__init__(str(entry.error(key, f'{key}: {problem}')))
+        self.problem = problem
+
+
+def runs_of(entry: Entry) -> Iterator[RunSpec]:
+    """
+    Yield a run for each match of the estimate, or of the recording that it is in.
+
+    A system without any on a sequence has one run that says so, which fails.
+    """
+    try:
+        yield from _runs(entry)
+    except NoMatch as error:
+        if not entry.system:
+            raise
+        path = entry.required_path('estimate')
+        yield RunSpec(path, str(entry.base / split_spec(path)[0]), problem=error.problem)
+
+
+def _runs(entry: Entry) -> Iterator[RunSpec]:
+    for run in _paired(entry):
         estimate, recording, causal = run['estimate'], run.get('recording'), run.get('causal')
         yield RunSpec(
             f'{run["recording"].name}:{estimate.name}' if estimate.is_topic else estimate.name,
@@ -45,45 +67,46 @@ def runs_of(sequence: Section, base: Path) -> Iterator[RunSpec]:
         )
 
 
-def _paired(sequence: Section, base: Path) -> Iterator[dict[str, Match]]:
+def _paired(entry: Entry) -> Iterator[dict[str, Match]]:
     """Yield, for each run, the match of every key; what matches once serves all runs."""
-    optional = (key for key in ('causal', 'recording') if sequence.get(key) is not None)
-    found = {key: matches(sequence, key, base) for key in ('estimate', *optional)}
+    optional = (key for key in ('causal', 'recording') if entry.text(key) is not None)
+    found = {key: matches(entry, key) for key in ('estimate', *optional)}
     count = max(map(len, found.values()))
     many = [key for key, matched in found.items() if len(matched) == count > 1]
     for key, matched in found.items():
         if len(matched) == 1 and (key == 'recording' or matched[0].is_topic):
             found[key] = matched * count
         elif len(matched) < count:
-            raise sequence.error(key, f'{key}: {len(matched)} matches for {count} runs')
+            raise entry.error(key, f'{key}: {len(matched)} matches for {count} runs')
     for key in many[1:]:
-        found[key] = _in_order_of(found[many[0]], sequence, key, found[key])
+        found[key] = _in_order_of(found[many[0]], entry, key, found[key])
     for run in zip(*found.values(), strict=True):
         yield dict(zip(found, run, strict=True))
 
 
-def matches(sequence: Section, key: str, base: Path) -> list[Match]:
+def matches(entry: Entry, key: str) -> list[Match]:
     """
     Return what the entry under a key means: a topic, a path, or the matches of a glob by name.
 
-    :param base: the folder that paths are relative to.
     :raises ConfigError: a glob without a match, or a statement that makes no sense.
     """
-    text = sequence.required_text(key)
+    text, base = entry.required_path(key), entry.base
     pattern, rest = split_spec(text)
     if '\0' in text:
-        raise sequence.error(key, f'{key}: a path cannot contain a zero byte')
+        raise entry.error(key, f'{key}: a path cannot contain a zero byte')
     if (base / pattern).exists():
-        return [Match(text, _checked(sequence, key, f'{base / pattern}{rest}'))]
+        return [Match(text, _checked(entry, key, f'{base / pattern}{rest}'))]
     paths = sorted(glob(pattern, root_dir=base, recursive=True))
-    if not paths and key != 'recording' and sequence.get('recording') and text.startswith('/'):
-        return [Match(text, _checked(sequence, key, text), is_topic=True)]
+    if not paths and key != 'recording' and entry.text('recording') and text.startswith('/'):
+        return [Match(text, _checked(entry, key, text), is_topic=True)]
     if not paths and has_magic(pattern):
-        raise sequence.error(key, f"{key}: nothing matches '{pattern}' in {base}")
+        raise NoMatch(entry, key, f"nothing matches '{pattern}' in {base}")
+    if not paths and entry.system and key != 'ground_truth':
+        raise NoMatch(entry, key, f"there is no '{pattern}' in {base}")
     return [
         Match(
             path + rest,
-            _checked(sequence, key, f'{base / path}{rest}'),
+            _checked(entry, key, f'{base / path}{rest}'),
             wild=_wild(pattern, path),
         )
         for path in paths or [pattern]
@@ -97,13 +120,13 @@ def split_spec(text: str) -> tuple[str, str]:
 
 
 def _in_order_of(
-    estimates: list[Match], sequence: Section, key: str, others: list[Match]
+    estimates: list[Match], entry: Entry, key: str, others: list[Match]
 ) -> list[Match]:
     """Return the other matches in the order of the estimates: wildcards stand for the same."""
     by_wild = {match.wild: match for match in others}
     for match in estimates:
         if match.wild not in by_wild:
-            raise sequence.error(
+            raise entry.error(
                 key,
                 f'{key}: no match corresponds to {match.name}: wildcards must stand for the same '
                 f"text in both, here '{' '.join(match.wild)}'",
@@ -113,17 +136,21 @@ def _in_order_of(
 
 def _wild(pattern: str, path: str) -> tuple[str, ...]:
     """Return what the wildcards of a glob stand for in a path that it matches."""
-    texts, wildcards = WILDCARD.split(pattern), WILDCARD.findall(pattern)
-    groups = [WILD.get(wildcard, '([^/])') for wildcard in wildcards] + ['']
-    regular = ''.join(map(''.join, zip(map(re.escape, texts), groups, strict=True)))
-    found = re.fullmatch(regular, path, re.DOTALL)
+    found = re.fullmatch(regular(pattern), path, re.DOTALL)
     return found.groups() if found else (path,)
 
 
-def _checked(sequence: Section, key: str, spec: str) -> str:
+def regular(pattern: str) -> str:
+    """Return a glob as a regular expression, with a group for each wildcard."""
+    texts, wildcards = WILDCARD.split(pattern), WILDCARD.findall(pattern)
+    groups = [WILD.get(wildcard, '([^/])') for wildcard in wildcards] + ['']
+    return ''.join(map(''.join, zip(map(re.escape, texts), groups, strict=True)))
+
+
+def _checked(entry: Entry, key: str, spec: str) -> str:
     """Return a source spec whose statements are valid."""
     try:
         Spec.parse(spec)
     except ConfigError as error:
-        raise sequence.error(key, error) from None
+        raise entry.error(key, error) from None
     return spec

@@ -23,9 +23,10 @@ def override(top: Section, text: str) -> None:
     except ReadError as error:
         raise ConfigError(f'{place}: {error.problem.removeprefix(place + ": ")}') from None
     section: Any = top
+    key = ''
     while not isinstance(section, Section) or '.' in name:
         if isinstance(section, list):
-            section, name = _named(section, name, place)
+            section, name = _named(section, key, name, place)
             continue
         key, _, name = name.partition('.')
         section.places[key] = place
@@ -38,12 +39,10 @@ def override(top: Section, text: str) -> None:
     section.places[name] = place
 
 
-def _named(listed: list[Any], name: str, place: str) -> tuple[Section, str]:
-    """Return the sequence that a dotted name begins with, and the rest of that name."""
+def _named(listed: list[Any], key: str, name: str, place: str) -> tuple[Section, str]:
+    """Return the one of a list that a dotted name begins with, and the rest of that name."""
     names = [str(one.get('name')) for one in listed if isinstance(one, Section)]
     for one in listed:
         if isinstance(one, Section) and name.startswith(f'{one.get("name")}.'):
             return one, name.removeprefix(f'{one.get("name")}.')
-    raise ConfigError(
-        f'{place}: write sequences.NAME.KEY=VALUE, with NAME one of {", ".join(names)}'
-    )
+    raise ConfigError(f'{place}: write {key}.NAME.KEY=VALUE, with NAME one of {", ".join(names)}')

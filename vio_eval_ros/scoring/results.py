@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 import math
@@ -18,6 +18,8 @@ from vio_eval_ros.scoring.suite import RunsGate, RunSpec, Sequence, SUCCESS_RATE
 from vio_eval_ros.version import __version__
 
 SCHEMA = 'vio_eval_ros.suite/1'
+#: options that make systems comparable where they differ
+FRAMES = ('estimate_to_body', 'time_offset_s')
 BAND_METRIC = 'ate_se3_trans_rmse_m'
 
 
@@ -54,7 +56,7 @@ class RunResult:
     def compared(self, sequence: Sequence) -> CellRun:
         """Return the run as a comparison of systems takes it."""
         if self.result is None:
-            return CellRun(self.run.name, None, self.error)
+            return CellRun(self.run.name, None, self.error, missing=bool(self.run.problem))
         return CellRun.of(self.run.name, self.result, sequence.success_gates)
 
     def _success(self, sequence: Sequence) -> list[Verdict]:
@@ -150,6 +152,7 @@ class SequenceResult:
         sequence = self.sequence
         return {
             'name': sequence.name,
+            'system': sequence.system or None,
             'tags': list(sequence.tags),
             'ground_truth': sequence.ground_truth,
             'options': sequence.config.to_dict(),
@@ -181,10 +184,12 @@ class SuiteResult:
     All sequences of a suite.
 
     :param notes: what concerns no single run, such as a sequence that only the baseline has.
+    :param metrics: by which systems are compared; empty for the usual ones.
     """
 
     sequences: list[SequenceResult]
     notes: tuple[str, ...] = ()
+    metrics: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -196,15 +201,18 @@ class SuiteResult:
         """Pass or fail, as results have it."""
         return 'pass' if self.passed else 'fail'
 
+    @property
+    def has_systems(self) -> bool:
+        """Whether systems are compared."""
+        return any(one.sequence.system for one in self.sequences)
+
     def matrix(self, metrics: Iterable[str] = ()) -> Matrix:
         """
         Return the sequences x systems; the only system of a suite without any has no name.
 
-        :param metrics: by default those of :func:`default_metrics`.
+        :param metrics: by default those that were chosen for the suite, or the usual ones.
         """
-        if not metrics:
-            chosen = (default_metrics(one.sequence.config) for one in self.sequences)
-            metrics = dict.fromkeys(metric for names in chosen for metric in names)
+        chosen = (self.metrics or default_metrics(one.sequence.config) for one in self.sequences)
         cells = {
             (one.sequence.name, one.sequence.system): Cell(
                 tuple(run.compared(one.sequence) for run in one.runs)
@@ -212,7 +220,36 @@ class SuiteResult:
             for one in self.sequences
         }
         sequences, systems = (tuple(dict.fromkeys(names)) for names in zip(*cells, strict=True))
-        return Matrix(sequences, systems, tuple(metrics), cells)
+        return Matrix(
+            sequences,
+            systems,
+            tuple(metrics or dict.fromkeys(metric for names in chosen for metric in names)),
+            cells,
+            tuple(self._unequal_options()),
+        )
+
+    def _unequal_options(self) -> Iterator[str]:
+        """Yield each option in which systems differ on a sequence, but for their frames."""
+        compared = self.sequences[0].sequence.config.to_dict().keys() - set(FRAMES)
+        found: dict[str, list[str]] = {}
+        for sequence in dict.fromkeys(one.sequence.name for one in self.sequences):
+            options = {
+                one.sequence.system: one.sequence.config.to_dict()
+                for one in self.sequences
+                if one.sequence.name == sequence
+            }
+            for option in sorted(compared):
+                users: dict[str, list[str]] = {}
+                for system, values in options.items():
+                    users.setdefault(str(values[option]), []).append(system)
+                if len(users) > 1:
+                    *few, (usual, _) = sorted(users.items(), key=lambda each: len(each[1]))
+                    told = ', '.join(f'{value} of {", ".join(names)}' for value, names in few)
+                    text = f'not with equal options: {option} is {told}, {usual} of the others'
+                    found.setdefault(text, []).append(sequence)
+        everywhere = len({one.sequence.name for one in self.sequences})
+        for text, sequences in found.items():
+            yield text if len(sequences) == everywhere else f'{", ".join(sequences)}: {text}'
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as schema ``vio_eval_ros.suite/1`` has it: no NaN, but None."""
@@ -220,6 +257,7 @@ class SuiteResult:
             'schema': SCHEMA,
             'tool': {'name': 'vio_eval_ros', 'version': __version__},
             'sequences': [one.to_dict() for one in self.sequences],
+            'matrix': self.matrix().to_dict() if self.has_systems else None,
             'notes': list(self.notes),
             'verdict': self.verdict,
         }

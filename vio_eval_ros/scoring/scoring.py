@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import closing
+from dataclasses import replace
 import math
 from typing import Any
 
@@ -28,14 +29,19 @@ def score_suite(
     :param jobs: the number of processes.
     :param progress: wraps the iterable of finished runs, given their number, as ``tqdm`` would.
     """
-    work = [(one, run) for one in suite.sequences for run in one.runs]
+    work = [(one, run) for one in suite.sequences for run in one.runs if not run.problem]
     with closing(in_processes(score_specs, [_call(*each) for each in work], jobs)) as scored:
         found = dict(progress(scored, len(work)))
-    results = iter([_run_result(run, found[k]) for k, (_, run) in enumerate(work)])
+    results = iter([found[k] for k in range(len(work))])
     return SuiteResult(
-        [SequenceResult(one, [next(results) for _ in one.runs]) for one in suite.sequences],
+        [
+            SequenceResult(
+                one, [_run_result(run, run.problem or next(results)) for run in one.runs]
+            )
+            for one in suite.sequences
+        ],
         tuple(
-            f'{one.name}: {one.bands} has no limits for {one.modality}; not assigned to a band'
+            f'{one.title}: {one.bands} has no limits for {one.modality}; not assigned to a band'
             for one in suite.sequences
             if one.bands and one.modality and one.band is None
         ),
@@ -65,23 +71,23 @@ def compare_suite(
     :param accepted: conditions that may differ, see ``Baseline.check``.
     :raises ConfigError: the baseline was recorded under other conditions.
     """
-    current = {one.sequence.name: one.recorded for one in result.sequences}
+    current = {one.sequence.title: one.recorded for one in result.sequences}
     notes = [f'accepted difference: {text}' for text in baseline.check(current, accepted)]
     sequences = [_compared(one, baseline.sequences) for one in result.sequences]
     for one in sequences:
-        notes += [f'{one.sequence.name}: {note}' for note in _unanswered(one)]
+        notes += [f'{one.sequence.title}: {note}' for note in _unanswered(one)]
     notes += [
         f'{name}: in the baseline, but not scored'
         for name in baseline.sequences
         if name not in current
     ]
-    return SuiteResult(sequences, (*result.notes, *notes))
+    return replace(result, sequences=sequences, notes=(*result.notes, *notes))
 
 
 def _compared(one: SequenceResult, baseline: Mapping[str, BaselineSequence]) -> SequenceResult:
-    if one.sequence.name not in baseline:
+    if one.sequence.title not in baseline:
         return one
-    before = baseline[one.sequence.name].metrics
+    before = baseline[one.sequence.title].metrics
     comparisons = [one.compared(rule, before.get(rule.metric, ())) for rule in one.sequence.rules]
     return SequenceResult(one.sequence, one.runs, comparisons)
 

@@ -46,12 +46,14 @@ class RunSpec:
     :param estimate: spec of the estimate.
     :param recording: what topics without a recording of their own are read from, if anything.
     :param causal: spec of the same run as first published, if there is one.
+    :param problem: why there is nothing to score; empty where there is.
     """
 
     name: str
     estimate: str
     recording: Path | None = None
     causal: str | None = None
+    problem: str = ''
 
 
 @dataclass(frozen=True)
@@ -92,7 +94,7 @@ class Sequence:
     @property
     def paths(self) -> Iterator[Path]:
         """The files and folders that the runs are read from."""
-        for run in self.runs:
+        for run in (run for run in self.runs if not run.problem):
             specs = (run.estimate, run.causal, self.ground_truth)
             found = [run.recording, *(Spec.parse(spec).path for spec in specs if spec is not None)]
             yield from (path for path in (*found, self.times) if path is not None)
@@ -133,6 +135,11 @@ class Suite:
     sequences: tuple[Sequence, ...]
     manifest: Path | None = None
     overrides: tuple[str, ...] = ()
+
+    @property
+    def has_systems(self) -> bool:
+        """Whether systems are compared."""
+        return any(one.system for one in self.sequences)
 
     @property
     def paths(self) -> list[Path]:

@@ -12,10 +12,12 @@ from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.rendering.text import number, percent
 from vio_eval_ros.scoring.comparison import MetricComparison
 from vio_eval_ros.scoring.results import SequenceResult, SuiteResult
-from vio_eval_ros.scoring.suite import RunsGate, SUCCESS_RATE
+from vio_eval_ros.scoring.suite import DEFAULT_GATES, RunsGate, SUCCESS_RATE
 
 ATE = 'ate_trans_rmse_m'
 MOST_WARNINGS = 10
+#: gates on these fail whenever runs do
+FAILING = tuple(gate.metric for gate in DEFAULT_GATES)
 COLUMNS = (
     'sequence', 'runs', 'ATE [m]', 'spread', 'baseline', 'change', 'p', 'coverage', 'success',
     'band', 'verdict',
@@ -27,7 +29,7 @@ def row_of(one: SequenceResult) -> list[str]:
     coverage = one.metrics.get('coverage_ratio')
     warned = any(verdict.word == 'warn' for _, verdict in one.verdicts)
     return [
-        one.sequence.name,
+        one.sequence.title,
         *_errors(one),
         *_against_baseline(one),
         percent(coverage.median) if coverage else '-',
@@ -73,6 +75,40 @@ def worst_first(result: SuiteResult) -> list[SequenceResult]:
         return one.passed, -math.inf if math.isnan(ate) else -ate
 
     return sorted(result.sequences, key=badness)
+
+
+def failed_of_all(result: SuiteResult) -> str:
+    """Return how many sequences, or sequences of systems, failed."""
+    failed = sum(not one.passed for one in result.sequences)
+    what = 'sequences x systems' if result.has_systems else 'sequences'
+    return f'{failed} of {len(result.sequences)} {what} failed'
+
+
+def remarks(result: SuiteResult) -> Iterator[tuple[str, bool, str]]:
+    """
+    Yield what is to be said of sequences: whose it is, whether it is a mere caution, and the text.
+
+    Where systems are compared, the failed runs stand below their table already, and a caution
+    that several of them share is said once.
+    """
+    shared: dict[str, list[str]] = {}
+    for one in worst_first(result):
+        title = one.sequence.title
+        if result.has_systems:
+            yield from ((title, False, problem) for problem in judged(one))
+            for caution in cautions(one):
+                shared.setdefault(caution, []).append(title)
+        else:
+            yield from ((title, False, problem) for problem in problems(one))
+            yield from ((title, True, caution) for caution in cautions(one))
+    yield from ((', '.join(titles), True, caution) for caution, titles in shared.items())
+
+
+def judged(one: SequenceResult) -> Iterator[str]:
+    """Yield the problems of a sequence but for those that only repeat that runs have failed."""
+    told = set(unsuccessful(one))
+    repeated = {f'FAIL {broken_gate(g, v)}' for g, v in one.verdicts if g.gate.metric in FAILING}
+    yield from (text for text in problems(one) if text not in (told | repeated if told else ()))
 
 
 def problems(one: SequenceResult) -> Iterator[str]:
