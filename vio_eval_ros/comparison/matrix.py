@@ -21,6 +21,7 @@ from vio_eval_ros.core.config import EvaluationConfig, nearest_name
 from vio_eval_ros.core.gates import Gate, judge
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.evaluation.result import Result, SUCCESS_GATES
+from vio_eval_ros.rendering.text import number
 
 #: shown of a value whose runs do not tell how far it is certain
 SIGNIFICANT_DIGITS = 3
@@ -46,8 +47,11 @@ class CellRun(NamedTuple):
     @classmethod
     def of(cls, name: str, result: Result, gates: Sequence[Gate] = SUCCESS_GATES) -> CellRun:
         """Return a run that was scored; the gates say what a success is."""
-        broken = [one for one in judge(gates, result.summary.metrics) if not one.passed]
-        why = ' and '.join(f'{one.gate.metric} is {one.value:.3g}' for one in broken)
+        broken = (one for one in judge(gates, result.summary.metrics) if not one.passed)
+        why = ' and '.join(
+            f'{gate.metric} is {number(value)}, not {gate.comparison} {gate.limit:g}'
+            for gate, value, _ in broken
+        )
         return cls(name, result, why)
 
 
