@@ -35,7 +35,7 @@ ESTIMATE = TopicState(
     newest_ns=120 * S,
     msgtype=ODOMETRY,
     published_types=(ODOMETRY,),
-    publishers=1,
+    publishers=('/vins',),
     received=200,
 )
 TRUTH = replace(
@@ -50,6 +50,7 @@ RUN = RunState(
     waiting_for='no ground truth yet',
     no_pairs='no pairs within 0.02 s',
 )
+MIXED = '2 publishers on /odom: their poses are mixed (/bag, /vins)'
 HEALTHY = Snapshot(RUN, (ESTIMATE, TRUTH), stale_after_s=2.0)
 
 
@@ -248,7 +249,7 @@ def test_what_was_given_up_while_it_waited_has_not_come_yet():
 
 
 def test_problems_of_a_topic_that_has_not_arrived_are_reported():
-    silent = replace(TRUTH, received=0, publishers=0, published_types=(), msgtype='')
+    silent = replace(TRUTH, received=0, publishers=(), published_types=(), msgtype='')
     snapshot = replace(HEALTHY, run=NOTHING, topics=(ESTIMATE, silent))
     assert health.why_no_pairs(snapshot) == (
         'no pairs yet: no ground truth yet; nobody publishes /truth'
@@ -314,8 +315,8 @@ def test_the_streams_have_their_counts_by_name():
     ('changes', 'problem'),
     [
         ({'received': 0}, 'nothing received on /odom'),
-        ({'received': 0, 'publishers': 0, 'published_types': ()}, 'nobody publishes /odom'),
-        ({'publishers': 2}, '2 publishers on /odom: their poses are mixed'),
+        ({'received': 0, 'publishers': (), 'published_types': ()}, 'nobody publishes /odom'),
+        ({'publishers': ('/bag', '/vins')}, MIXED),
         (
             {'published_types': (STRING,)},
             f'/odom carries {STRING}, which has no pose that can be scored',
@@ -333,7 +334,7 @@ def test_the_streams_have_their_counts_by_name():
             f'/odom is published as {POSE}, not {ODOMETRY}; set estimate_type',
         ),
         (
-            {'published_types': (ODOMETRY, STRING), 'publishers': 2},
+            {'published_types': (ODOMETRY, STRING), 'publishers': ('/a', '/b')},
             f'/odom is published as {ODOMETRY} and {STRING}; only {ODOMETRY} is read',
         ),
         ({'incompatibility': 'reliable only'}, 'incompatible QoS on /odom: reliable only'),
@@ -353,7 +354,7 @@ def test_a_stream_that_has_stopped_is_stale():
     old = replace(ESTIMATE, silent_s=2.1)
     snapshot = replace(HEALTHY, topics=(old, TRUTH))
     assert told(health.streams(snapshot)) == ('STALE', 'nothing on /odom for 2 s')
-    gone = replace(old, publishers=0, published_types=())
+    gone = replace(old, publishers=(), published_types=())
     assert told(health.streams(replace(HEALTHY, topics=(gone, TRUTH)))) == (
         'STALE',
         'nothing on /odom for 2 s, and nobody publishes it',
@@ -361,10 +362,10 @@ def test_a_stream_that_has_stopped_is_stale():
     never = replace(old, received=0)
     assert told(health.streams(replace(HEALTHY, topics=(never, TRUTH))))[0] == 'WARN'
     assert told(health.streams(replace(snapshot, stale_after_s=3.0)))[0] == 'OK'
-    two = replace(HEALTHY, topics=(replace(old, publishers=2), TRUTH))
+    two = replace(HEALTHY, topics=(replace(old, publishers=('/bag', '/vins')), TRUTH))
     assert told(health.streams(two)) == (
         'WARN',
-        '2 publishers on /odom: their poses are mixed; nothing on /odom for 2 s',
+        f'{MIXED}; nothing on /odom for 2 s',
     )
 
 
@@ -480,3 +481,9 @@ def test_the_conclusions_of_a_run_are_a_line_for_each_cause():
         'scale: evidence of scale. advice on scale',
     ]
     assert health.conclusions(None, '') == []
+
+
+def test_trajectories_that_take_turns_are_told_of_their_side():
+    turns = 'estimate: poses of two trajectories, 2 m apart, take turns'
+    status = health.streams(replace(HEALTHY, run=replace(RUN, turns=(turns,))))
+    assert told(status) == ('WARN', turns)

@@ -105,6 +105,26 @@ def test_what_was_lost_on_the_way_is_a_warning_of_the_result(flight):
     assert run.result().summary.warnings[0] == run.notes[0]
 
 
+def test_two_trajectories_that_take_turns_are_a_warning(flight):
+    run = LiveRun(SETUP)
+    mixed = flight.estimate.positions.copy()
+    mixed[1::2] += (0.0, 2.0, 0.0)
+    run.add_ground_truth(flight.ground_truth)
+    run.add_estimate(replace(flight.estimate, positions=mixed))
+    list(run.advance())
+    run.look(window_s=10.0)
+    words = 'estimate: poses of two trajectories, 2 m apart, take turns'
+    for told in (run.state().turns, run.result().summary.warnings):
+        assert len([line for line in told if line.startswith(words)]) == 1
+
+
+def test_of_one_trajectory_nothing_is_said_of_turns(flight):
+    run = live(flight, 20)
+    run.look(window_s=5.0)
+    assert run.state().turns == ()
+    assert not [line for line in run.result().summary.warnings if 'take turns' in line]
+
+
 def test_max_pairs_bounds_what_a_run_keeps(flight):
     run = LiveRun(replace(SETUP, max_pairs=100))
     for k in range(0, 240, 20):

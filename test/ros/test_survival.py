@@ -153,22 +153,34 @@ def test_messages_that_are_not_what_they_say_are_counted(graph, ros, evaluator, 
     graph.wait_for('association', 'OK', pairs=381)
 
 
-def test_two_publishers_of_a_stream_are_named(graph, another, ros, evaluator, flight):
-    evaluator()
+def test_two_publishers_of_a_stream_are_named(graph, another, ros, evaluator, flight, tmp_path):
+    node = evaluator(f'report_dir:={tmp_path}')
     estimate, truth = graph.both()
     second = another.publisher('/estimate', ros.ESTIMATE)
-    graph.wait_for('streams', 'WARN', '2 publishers on /estimate: their poses are mixed')
+    graph.wait_for(
+        'streams',
+        'WARN',
+        '2 publishers on /estimate: their poses are mixed (/',
+        '/another',
+        estimate_publishers=2,
+    )
     other = moved(flight.estimate, 2)
     for k in range(0, 400, 2):
         ros.send(estimate, flight.estimate[k : k + 1])
         ros.send(second, other[k + 1 : k + 2])
     ros.send(truth, flight.ground_truth)
     graph.wait_for('diagnosis', 'WARN', 'the estimate jumped by 2')
+    graph.wait_for('streams', 'WARN', 'estimate: poses of two trajectories, 2 m apart, take turns')
     another.withdraw(second)
     ros.send(truth, later(flight.ground_truth, 20))
     ros.send(estimate, later(flight.estimate, 20))
     graph.wait_for('association', 'OK')
     graph.wait_for('streams', 'OK', 'running')
+    node.stop()
+    (result,) = tmp_path.rglob('result.json')
+    warnings = json.loads(result.read_text())['warnings']
+    assert [line for line in warnings if line.startswith('estimate: 2 publishers on /estimate')]
+    assert [line for line in warnings if 'two trajectories, 2 m apart, take turns' in line]
 
 
 def test_two_evaluators_of_one_name_are_reported(graph, evaluator, process):

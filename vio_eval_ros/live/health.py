@@ -190,7 +190,7 @@ def streams(snapshot: Snapshot) -> Status:
         values |= {
             f'{topic.name}_topic': topic.topic,
             f'{topic.name}_type': topic.msgtype,
-            f'{topic.name}_publishers': topic.publishers,
+            f'{topic.name}_publishers': len(topic.publishers),
             f'{topic.name}_received': topic.received,
             f'{topic.name}_lost': topic.lost,
             f'{topic.name}_queue_full': topic.full,
@@ -201,6 +201,7 @@ def streams(snapshot: Snapshot) -> Status:
         if topic.received and topic.silent_s > snapshot.stale_after_s:
             gone = '' if topic.publishers else ', and nobody publishes it'
             stale.append(f'nothing on {topic.topic} for {topic.silent_s:.0f} s{gone}')
+    problems += snapshot.run.turns
     problems += [
         f'{topic.topic} {topic.jump}: waiting for the other stream to do so'
         for topic in snapshot.topics
@@ -260,9 +261,16 @@ def _publisher_problem(topic: TopicState) -> str:
         return f'{topic.topic} is published as {listed}, not {topic.msgtype}; {remedy}'
     if len(topic.published_types) > 1:
         return f'{topic.topic} is published as {listed}; only {topic.msgtype} is read'
-    if topic.publishers > 1:
-        return f'{topic.publishers} publishers on {topic.topic}: their poses are mixed'
-    return ''
+    return mixed(topic.topic, topic.publishers)
+
+
+def mixed(topic: str, publishers: Sequence[str]) -> str:
+    """Return that several nodes publish a topic; '' where one does."""
+    if len(publishers) < 2:
+        return ''
+    return (
+        f'{len(publishers)} publishers on {topic}: their poses are mixed ({", ".join(publishers)})'
+    )
 
 
 def diagnosis(run: RunState) -> Status:

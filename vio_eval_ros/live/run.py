@@ -19,10 +19,11 @@ import numpy as np
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation, Summary
 from vio_eval_ros.core.gates import Gate, judge
+from vio_eval_ros.core.interleaving import interleaving
 from vio_eval_ros.core.series import MAX_WAITING_PER_PAIR, RunningSeries
 from vio_eval_ros.core.side import Side
 from vio_eval_ros.core.steps import step_lengths
-from vio_eval_ros.core.trajectory import Poses
+from vio_eval_ros.core.trajectory import Pairs, Poses
 from vio_eval_ros.diagnosis.limits import DEFAULT, DiagnosisLimits
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.evaluation.result import Input, Result
@@ -85,6 +86,7 @@ class LiveRun:
         self._series = RunningSeries(setup.config, setup.max_pairs)
         self._rows = SeriesRows()
         self._window_s = 0.0
+        self._turns: tuple[str, ...] = ()
         self._seen = 0
         self._largest_jump: tuple[int, float] | None = None
         self._revisions: PathRevisions | None = None
@@ -138,6 +140,7 @@ class LiveRun:
             waiting_for=self._series.waiting_for(),
             no_pairs='' if has_pairs else self.evaluation.associator.why_no_pairs(),
             largest_jump=self.largest_jump(),
+            turns=self._turns,
             diagnosis=self.monitor.latest,
             diagnosed_pairs=self.monitor.pairs,
             diagnosis_problem=self.monitor.problem,
@@ -162,12 +165,15 @@ class LiveRun:
 
     def _estimate_moved(self) -> float:
         """Return how far the estimate moved in the window, in its own metres."""
-        estimate = self.evaluation.since(0).estimate
-        if not len(estimate):
-            return 0.0
-        begin_ns = estimate.stamps_ns[-1] - round(self._window_s * 1e9)
-        begin = np.searchsorted(estimate.stamps_ns, begin_ns)
-        return float(step_lengths(estimate.positions[begin:]).sum())
+        return float(step_lengths(self._in_window().estimate.positions).sum())
+
+    def _in_window(self) -> Pairs:
+        """Return the pairs of the window."""
+        pairs = self.evaluation.since(0)
+        if not len(pairs):
+            return pairs
+        stamps_ns = pairs.estimate.stamps_ns
+        return pairs[np.searchsorted(stamps_ns, stamps_ns[-1] - round(self._window_s * 1e9)) :]
 
     def advance(self) -> Iterator[tuple[int, dict[str, float]]]:
         """Yield stamp and running values of each second that is over, and remember them."""
@@ -182,6 +188,7 @@ class LiveRun:
         if self.values:
             self._window_s = window_s
             self.window = self.evaluation.window(window_s)
+            self._turns = _turns(self._in_window())
 
     def result(self) -> Result:
         """Return the result as if both streams had ended now; they may go on."""
@@ -225,6 +232,7 @@ class LiveRun:
                 f'the revised Path is scored without the first {self._given_up} true poses: there '
                 'were more than ten times max_pairs'
             )
+        problems += _turns(summary.pairs)
         summary = replace(summary, warnings=(*self.notes, *summary.warnings, *problems))
         return self._result(evaluation, summary), rows
 
@@ -253,6 +261,15 @@ class LiveRun:
         final.add_estimate(revisions.final())
         final.flush()
         return final
+
+
+def _turns(pairs: Pairs) -> tuple[str, ...]:
+    """Return which sides are several trajectories that take turns, as of several publishers."""
+    found = []
+    for name, side in (('estimate', pairs.estimate), ('ground truth', pairs.ground_truth)):
+        if turns := interleaving(Poses(side.stamps_ns, side.positions, side.rotations)):
+            found.append(f'{name}: {turns}')
+    return tuple(found)
 
 
 def _side_state(side: Side) -> SideState:

@@ -21,6 +21,7 @@ class TopicState:
     :param msgtype: the type that is read; empty until it is known.
     :param type_is_given: whether a parameter sets it.
     :param published_types: of all publishers, sorted.
+    :param publishers: the full names of the nodes that publish it, one for each publisher.
     :param silent_s: how long nothing has arrived.
     :param oldest_ns: the oldest stamp of the newest run; :data:`AFTER_ALL` where there is none.
     :param newest_ns: the newest stamp of that run; :data:`BEFORE_ALL` where there is none.
@@ -35,7 +36,7 @@ class TopicState:
     msgtype: str = ''
     type_is_given: bool = False
     published_types: tuple[str, ...] = ()
-    publishers: int = 0
+    publishers: tuple[str, ...] = ()
     received: int = 0
     lost: int = 0
     full: int = 0
@@ -81,6 +82,7 @@ class RunState:
     :param no_pairs: why what has arrived makes no pair.
     :param largest_jump: stamp [ns] and size [m] of the largest step of the estimate that the
         ground truth does not have.
+    :param turns: which sides are, in the window, several trajectories that take turns.
     :param diagnosis: the last one; None where there is none yet.
     :param diagnosed_pairs: how many pairs it is of.
     :param diagnosis_problem: the bug that prevented the last one.
@@ -97,6 +99,7 @@ class RunState:
     waiting_for: str = ''
     no_pairs: str = ''
     largest_jump: tuple[int, float] | None = None
+    turns: tuple[str, ...] = ()
     diagnosis: Diagnosis | None = None
     diagnosed_pairs: int = 0
     diagnosis_problem: str = ''

@@ -24,10 +24,11 @@ from rclpy.qos import (
 )
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.live.health import counted, undecodable
+from vio_eval_ros.live.health import counted, mixed, undecodable
 from vio_eval_ros.live.queues import PathQueue, Progress, RunQueue, TimeJump
 from vio_eval_ros.live.snapshot import TopicState
 from vio_eval_ros.recordings import cdr
@@ -90,7 +91,9 @@ class PoseTopic:
         self._msgtype = msgtype
         self._type_is_given = bool(msgtype)
         self._published_types: tuple[str, ...] = ()
-        self._publishers = 0
+        self._publishers: tuple[str, ...] = ()
+        self._mixed = ''  # of the run: who sent it at once
+        self._received_before = 0
         self._incompatibility = ''
         self._frame = ''
         self._counts = {'full': 0, 'undecodable': 0, **dict.fromkeys(EVENTS, 0)}
@@ -159,7 +162,10 @@ class PoseTopic:
         self._count_events()
         # its name, since a name that is resolved would be remapped once more
         found = self._node.get_publishers_info_by_topic(self.name)
-        self._publishers = len(found)
+        self._publishers = tuple(sorted(_full_name(info) for info in found))
+        if self.received > self._received_before:
+            self._mixed = mixed(self.topic, self._publishers) or self._mixed
+        self._received_before = self.received
         self._published_types = tuple(sorted({info.topic_type for info in found}))
         scorable = [msgtype for msgtype in self._published_types if msgtype in STREAMED]
         if self._subscription is None and len(scorable) == 1:
@@ -204,11 +210,14 @@ class PoseTopic:
             found.append(f'{self.topic}: the queue was full {times}, and may have lost messages')
         if bad:
             found.append(undecodable(bad, self.topic, self._msgtype))
+        if self._mixed:
+            found.append(self._mixed)
         return [f'{self.name.replace("_", " ")}: {line}' for line in found]
 
     def next_run(self) -> None:
         """Go on to the next run."""
         self.queue.next_run()
+        self._mixed = ''
         self._count_events()
         self._counts_before = dict(self._counts)
 
@@ -282,3 +291,8 @@ class PoseTopic:
     def _count_events(self) -> None:
         for name, event in self._events.items():
             self._counts[name] = event.count()
+
+
+def _full_name(info: TopicEndpointInfo) -> str:
+    """Return the name of the node that publishes, with its namespace."""
+    return f'{info.node_namespace.rstrip("/")}/{info.node_name}'
