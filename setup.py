@@ -26,6 +26,8 @@ PANDAS = ['pandas']
 # its fields have said whether they are repeated since then
 PROTOBUF = ['protobuf>=6.31']
 PX4 = ['pyulog']
+# release 6 is another library under the same name
+TERMINAL = ['plotext>=5.3,<6']
 REPORT = ['plotly']
 # ROS 2 Jazzy where none is installed; rclpy does not start without the second
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-rmw-fastrtps-cpp', 'ros-jazzy-common-interfaces']
@@ -103,6 +105,7 @@ setup(
         'px4': PX4,
         'report': REPORT,
         'ros': ROS,
+        'terminal': TERMINAL,
         'test': [
             *GEO,
             *IMAGES,
@@ -112,6 +115,7 @@ setup(
             *PX4,
             *REPORT,
             *ROS,
+            *TERMINAL,
             'build',
             'check-jsonschema',
             'colcon-common-extensions',

@@ -83,6 +83,11 @@ def _parser() -> Parser:
         metavar='csv:PATH',
         help='write the running ATE and RPE, once per second of stamps',
     )
+    output.add_argument(
+        '--plot',
+        choices=('terminal',),
+        help='also draw the error over time and the path from above in characters',
+    )
     gate = output.add_argument(
         '--gate',
         action='append',
@@ -130,6 +135,10 @@ def _add_provenance(parser: Parser) -> None:
 
 
 def _replay(arguments: argparse.Namespace) -> int:
+    if arguments.plot and (
+        arguments.json or any(text.endswith(':-') for text in arguments.report)
+    ):
+        raise ConfigError('--plot terminal draws beside the summary; leave out what replaces it')
     config = config_of(arguments)
     gates = _gates(arguments, config)
     named = named_estimates(arguments.estimate)
@@ -150,6 +159,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     done = [written('replay', target, partial(render, result)) for target, render in outputs]
     summary = json_report if arguments.json else text_report
     show(partial(summary, result), targets)
+    _draw(arguments, {'estimate': result})
     if not all(done):
         return UNABLE
     return FAILED if result.passed is False else PASSED
@@ -181,9 +191,19 @@ def _compare(
     ]
     summary = COMPARISON_REPORTS['json'] if arguments.json else comparison_text
     show(partial(summary, found), targets)
+    _draw(arguments, found.results)
     if not all(done):
         return UNABLE
     return FAILED if found.passed is False else PASSED
+
+
+def _draw(arguments: argparse.Namespace, results: Mapping[str, Result]) -> None:
+    """Draw the results in characters, where that was asked for."""
+    if arguments.plot == 'terminal':
+        # few runs are drawn so
+        from vio_eval_ros.reports.terminal import terminal_picture
+
+        print(terminal_picture(results), end='', flush=True)
 
 
 def _scored(

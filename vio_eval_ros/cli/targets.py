@@ -12,6 +12,7 @@ from vio_eval_ros.cli.shell import complain
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.errors import ConfigError, VioEvalError
 from vio_eval_ros.rendering.files import check_file, write
+from vio_eval_ros.rendering.terminal import painted
 
 #: of which format a file is by its suffix; others are named
 SUFFIXES = {
@@ -92,7 +93,7 @@ def _example(formats: Iterable[str]) -> str:
 def show(summary: Callable[[], str], targets: Iterable[Target]) -> None:
     """Print what a verb prints, unless a report takes its place."""
     if not any(target.is_printed for target in targets):
-        print(summary(), end='', flush=True)
+        print(painted(summary()), end='', flush=True)
 
 
 def check_targets(targets: Sequence[Target], inputs: Sequence[Path], json: bool = False) -> None:
