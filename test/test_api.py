@@ -22,6 +22,7 @@ import vio_eval_ros as vio
 ROOT = Path(__file__).resolve().parents[1]
 FLIGHT = ROOT / 'demo/simulated_flight'
 SECOND = 10**9
+GATE = 'ate_trans_rmse_m<=0.1'
 
 
 read = cache(vio.read)
@@ -606,3 +607,46 @@ def test_a_diagnosis_of_arrays_gives_no_convention_to_append_to_a_file():
     cause = vio.diagnose(w_first, truth).causes[0]
     assert cause.name == 'quaternion_order'
     assert cause.flags == ()
+
+
+def test_every_number_of_a_comparison_is_that_of_the_system_alone():
+    estimate, truth = (
+        vio.read(f'{FLIGHT}:{topic}') for topic in ('/vio/odometry', '/ground_truth/pose')
+    )
+    half = tuple(column[::2] for column in columns(estimate))
+    found = vio.compare({'all': f'{FLIGHT}:/vio/odometry', 'half': half}, truth, gates=GATE)
+    for name, one in (('all', estimate), ('half', half)):
+        alone = vio.evaluate(one, truth, gates=GATE)
+        assert found.results[name].metrics == pytest.approx(alone.metrics, rel=0, nan_ok=True)
+        row = found.to_dataframe().loc[name]
+        assert row.to_dict() == {metric: alone.metrics[metric] for metric in found.chosen}
+    assert found.passed
+    assert found.results['half'].plot() is not None
+    assert json.loads(found.to_json())['schema'] == 'vio_eval_ros.comparison/1'
+    assert 'half' in found._repr_html_()
+    assert 'half' in found.to_latex()
+
+
+def test_a_system_that_cannot_be_scored_is_named_and_the_others_are_compared():
+    found = vio.compare({'good': '/vio/odometry', 'bad': 'nix.txt'}, recording=FLIGHT)
+    assert list(found.results) == ['good']
+    assert 'nix.txt' in found.unscored['bad']
+    assert not found.passed
+    assert repr(found) == '<Comparison of 2 systems: good, bad, 1 could not be scored>'
+
+
+@pytest.mark.parametrize(
+    ('estimates', 'options', 'problem'),
+    [
+        ({}, {}, 'estimates: give a mapping'),
+        (['a.txt'], {}, 'estimates: give a mapping'),
+        ({'a': 'nix', 'b': 'nothing'}, {}, 'no system could be scored: a: '),
+        ({'a': 3}, {}, 'a: expected a source spec'),
+        ({'a': '/vio/odometry'}, {'metrics': 'ate'}, "no metric 'ate'"),
+        ({'a': '/vio/odometry'}, {'metrics': ['sim3_scale'] * 2}, 'given twice'),
+        ({'a': '/vio/odometry'}, {'ground_truth': '/nowhere'}, 'there is no such topic'),
+    ],
+)
+def test_what_cannot_be_compared_is_refused(estimates, options, problem):
+    with pytest.raises(vio.VioEvalError, match=re.escape(problem)):
+        vio.compare(estimates, recording=FLIGHT, **options)

@@ -17,7 +17,7 @@ from typing import Any, TYPE_CHECKING
 from vio_eval_ros.version import __version__
 
 if TYPE_CHECKING:
-    from vio_eval_ros.api import diagnose, evaluate, imu_noise, inspect, read
+    from vio_eval_ros.api import compare, diagnose, evaluate, imu_noise, inspect, read
     from vio_eval_ros.core.config import EvaluationConfig
     from vio_eval_ros.core.gates import Gate
     from vio_eval_ros.errors import (
@@ -31,11 +31,12 @@ if TYPE_CHECKING:
     )
     from vio_eval_ros.recordings.arrays import trajectory
     from vio_eval_ros.recordings.sources import Source
-    from vio_eval_ros.results import Diagnosis, ImuNoise, Inspection, Result
+    from vio_eval_ros.results import Comparison, Diagnosis, ImuNoise, Inspection, Result
 
 #: the modules of the names below
 HOMES = ('errors', 'api', 'results', 'recordings.arrays')
 __all__ = [
+    'Comparison',
     'ConfigError',
     'Diagnosis',
     'EvaluationConfig',
@@ -51,6 +52,7 @@ __all__ = [
     'VioEvalError',
     'WriteError',
     '__version__',
+    'compare',
     'diagnose',
     'evaluate',
     'imu_noise',

@@ -16,6 +16,8 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+from vio_eval_ros.comparison.comparison import compared, scorer
+from vio_eval_ros.comparison.matrix import check_metrics, default_metrics
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.core.gates import check_names, Gate
@@ -31,9 +33,15 @@ from vio_eval_ros.inspection.limits import InspectionLimits
 from vio_eval_ros.inspection.recording import inspect_recording
 from vio_eval_ros.recordings.arrays import source_of, TrajectoryLike
 from vio_eval_ros.recordings.progress import silent
-from vio_eval_ros.recordings.sources import check_times, default_topics, read_sources, Source
+from vio_eval_ros.recordings.sources import (
+    check_times,
+    default_topics,
+    read_each,
+    read_sources,
+    Source,
+)
 from vio_eval_ros.recordings.spec import Spec
-from vio_eval_ros.results import Diagnosis, ImuNoise, Inspection, Result
+from vio_eval_ros.results import Comparison, Diagnosis, ImuNoise, Inspection, Result
 
 
 @contextmanager
@@ -95,6 +103,47 @@ def evaluate(
     one, other = _sources(estimate, ground_truth, path, stamps)
     found = score_run(one, other, config, judged)
     return Result(**_values(found))
+
+
+@_files()
+def compare(
+    estimates: Mapping[str, TrajectoryLike],
+    ground_truth: TrajectoryLike | None = None,
+    *,
+    metrics: str | Iterable[str] = (),
+    recording: str | Path | None = None,
+    times: str | Path | None = None,
+    gates: str | Gate | Iterable[str | Gate] = (),
+    **options: Any,
+) -> Comparison:
+    """
+    Return how accurate several estimates of one ground truth are, beside each other.
+
+    Inputs, gates and options are those of :func:`evaluate`. A system whose file cannot be read,
+    or that has no pairs, does not stop the others: ``.unscored`` has the reason.
+
+    :param estimates: by the names of their systems.
+    :param metrics: which are compared; by default ATE and RPE.
+    :raises VioEvalError: what else :func:`evaluate` raises; or no system can be scored.
+    """
+    config, judged = _config(options), _gates(gates)
+    known = metric_names(config)
+    chosen = _listed('metrics', metrics)
+    check_metrics(chosen, known)
+    check_names(judged, known)
+    if not isinstance(estimates, Mapping) or not estimates:
+        raise ConfigError("estimates: give a mapping such as {'VINS-Mono': 'vins.txt'}")
+    path, stamps = _path('recording', recording), _path('times', times)
+    named = {str(name): estimate for name, estimate in estimates.items()}
+    *given, truth = _each_source(named, ground_truth, path, stamps)
+    if isinstance(truth, Exception):
+        raise truth
+    found = compared(
+        dict(zip(named, given, strict=True)),
+        scorer(truth, config, judged),
+        chosen or default_metrics(config),
+    )
+    return Comparison(**_values(found))
 
 
 @_files()
@@ -274,6 +323,25 @@ def _sources(
         for k, name in enumerate(('estimate', 'ground_truth'))
     )
     return one, other
+
+
+def _each_source(
+    estimates: Mapping[str, TrajectoryLike],
+    ground_truth: TrajectoryLike | None,
+    recording: Path | None,
+    times: Path | None,
+) -> list[Source | Exception]:
+    """Return all estimates and the ground truth, or why a file of theirs cannot be read."""
+    names, given = [*estimates, 'ground_truth'], [*estimates.values(), ground_truth]
+    if ground_truth is None:
+        given[-1] = _with_default_topics([given[0], None], recording)[1]
+    specs = {k: str(one) for k, one in enumerate(given) if isinstance(one, (str, PathLike))}
+    if recording is not None:
+        _check_recording(list(specs.values()), recording)
+    found = read_each(list(specs.values()), recording, times)
+    check_times(times, [one for one in found if isinstance(one, Source)])
+    read = dict(zip(specs, found, strict=True))
+    return [read[k] if k in read else source_of(name, given[k]) for k, name in enumerate(names)]
 
 
 def _with_default_topics(given: list[Any], recording: Path | None) -> list[Any]:

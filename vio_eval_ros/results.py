@@ -7,10 +7,13 @@ Each class has the fields of its base, which knows neither reports nor plots, an
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 import json
 import math
 from typing import Any, TYPE_CHECKING
 
+from vio_eval_ros.comparison.comparison import Comparison as FoundComparison
+from vio_eval_ros.comparison.tables import html_tables, text_tables
 from vio_eval_ros.core.statistics import STATISTICS
 from vio_eval_ros.diagnosis.documents import diagnosis_text
 from vio_eval_ros.diagnosis.report import Diagnosis as FoundDiagnosis
@@ -20,10 +23,11 @@ from vio_eval_ros.imu.analysis import Analysis
 from vio_eval_ros.imu.noise_reports import table as noise_table
 from vio_eval_ros.inspection.report import Report as InspectionReport
 from vio_eval_ros.inspection.text_report import text_document
-from vio_eval_ros.recordings.sources import indexed_by_stamp
+from vio_eval_ros.recordings.sources import indexed, indexed_by_stamp
 from vio_eval_ros.rendering.page import Html, html, joined, table, tag, warnings
 from vio_eval_ros.rendering.text import number
 from vio_eval_ros.reports import REPORTS
+from vio_eval_ros.reports.compared import COMPARISON_REPORTS
 from vio_eval_ros.reports.tables import pair_errors
 from vio_eval_ros.reports.text import headline, rows
 
@@ -114,6 +118,59 @@ class Result(RunResult):
                 warnings(self.warnings),
             ]
         )
+
+
+class Comparison(FoundComparison):
+    """
+    What several estimates of one ground truth are worth; made by :func:`compare`.
+
+    ``runs`` has each system by its name, ``unscored`` why one has no result, ``matrix`` the
+    values that are compared with the best and second of each metric.
+    """
+
+    @property
+    def results(self) -> Mapping[str, Result]:
+        """The result of each system that could be scored, as of :func:`evaluate`."""
+        return {name: _face(result) for name, result in super().results.items()}
+
+    def to_dataframe(self) -> pd.DataFrame:
+        """
+        Return the compared metrics in columns, with a row for each system; NaN where unknown.
+
+        :raises ConfigError: pandas is not installed.
+        """
+        (sequence,) = self.matrix.sequences
+        columns = {
+            metric: [self.matrix.cell(sequence, name).value(metric) for name in self.runs]
+            for metric in self.chosen
+        }
+        return indexed(columns, list(self.runs), 'system')
+
+    def to_json(self) -> str:
+        """Return the comparison in schema ``vio_eval_ros.comparison/1``."""
+        return COMPARISON_REPORTS['json'](self)
+
+    def to_latex(self) -> str:
+        """Return the table for LaTeX (booktabs)."""
+        return COMPARISON_REPORTS['latex'](self)
+
+    def __str__(self) -> str:
+        """Return the table, as the command line prints it."""
+        return text_tables(self.matrix).rstrip('\n')
+
+    def __repr__(self) -> str:
+        """Return the systems in a line."""
+        unscored = f', {len(self.unscored)} could not be scored' if self.unscored else ''
+        return f'<Comparison of {len(self.runs)} systems: {", ".join(self.runs)}{unscored}>'
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows: the table."""
+        return html_tables(self.matrix)
+
+
+def _face(result: RunResult) -> Result:
+    """Return a result with what the library adds to it."""
+    return Result(**{item.name: getattr(result, item.name) for item in fields(result)})
 
 
 class Diagnosis(FoundDiagnosis):

@@ -33,12 +33,12 @@ class Comparison:
     chosen: tuple[str, ...]
 
     @property
-    def results(self) -> dict[str, Result]:
+    def results(self) -> Mapping[str, Result]:
         """The result of each system that could be scored."""
         return {name: run.result for name, run in self.runs.items() if run.result is not None}
 
     @property
-    def unscored(self) -> dict[str, str]:
+    def unscored(self) -> Mapping[str, str]:
         """Why a system could not be scored, by its name."""
         return {name: run.failure for name, run in self.runs.items() if run.result is None}
 

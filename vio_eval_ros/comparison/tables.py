@@ -166,10 +166,9 @@ def _ranks(matrix: Matrix, metric: str) -> list[Shown]:
 def footnotes(matrix: Matrix) -> Iterator[str]:
     """Yield what marks mean, every failure with its reason, and over what the means are."""
     shown = [value for one in tables_of(matrix) for row in one.rows for value in row.values]
-    words = {value.text for value in shown} & {UNSCORED, MISSING}
-    if FAILED in {value.mark for value in shown} or words:
-        signs = ', '.join([FAILED, UNSCORED, MISSING])
-        yield f'{signs}: takes no part in best and mean, and has the last rank'
+    signs = [s for s in (FAILED, UNSCORED, MISSING) if any(s in value for value in shown)]
+    if signs:
+        yield f'{", ".join(signs)}: no part in best and mean, and the last rank'
     if PARTLY in {value.mark for value in shown}:
         yield f'{PARTLY} some of its runs failed; they count as the worst in the median'
     missing: dict[str, list[str]] = {}

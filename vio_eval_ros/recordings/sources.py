@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 import re
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
@@ -100,11 +100,16 @@ class Source:
 
 def indexed_by_stamp(columns: Mapping[str, np.ndarray], stamps_ns: np.ndarray) -> pd.DataFrame:
     """Return columns as a DataFrame; ``ConfigError`` where pandas is not installed."""
+    return indexed(columns, stamps_ns, 'stamp_ns')
+
+
+def indexed(columns: Mapping[str, Any], index: Any, name: str) -> pd.DataFrame:
+    """Return columns as a DataFrame, with an index of that name; ``ConfigError`` likewise."""
     try:
         from pandas import DataFrame, Index
     except ImportError:
         raise ConfigError("a DataFrame needs pandas: pip install 'vio_eval_ros[pandas]'") from None
-    return DataFrame(columns, index=Index(stamps_ns, name='stamp_ns'))
+    return DataFrame(columns, index=Index(index, name=name))
 
 
 def read_sources(
