@@ -187,6 +187,8 @@ def footnotes(matrix: Matrix) -> Iterator[str]:
         yield f'{system} has no run of {", ".join(sequences)}'
     if len(matrix.sequences) > 1:
         yield from _of_means(matrix)
+    if len(matrix.systems) == 1:
+        yield 'only one system: nothing to compare it with'
     yield from matrix.notes
 
 
