@@ -104,6 +104,8 @@ setup(
         'protobuf': PROTOBUF,
         'px4': PX4,
         'report': REPORT,
+        # of several hundred megabytes, hence not for the tests
+        'rerun': ['rerun-sdk>=0.24'],
         'ros': ROS,
         'terminal': TERMINAL,
         'test': [

@@ -37,8 +37,9 @@ def test_every_format_of_every_verb_is_told_by_a_suffix(verb):
         ('OUT.HTM', 'html', 'OUT.HTM'),
         ('junit.xml', 'junit', 'junit.xml'),
         ('/tmp/a.md', 'markdown', '/tmp/a.md'),
-        ('run:3.tex', 'latex', 'run:3.tex'),
+        ('take:3.tex', 'latex', 'take:3.tex'),
         ('csv:-', 'csv', '-'),
+        ('run.rrd', 'rerun', 'run.rrd'),
     ],
 )
 def test_the_format_is_named_or_told(text, format, path):

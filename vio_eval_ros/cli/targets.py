@@ -24,6 +24,7 @@ SUFFIXES = {
     '.mcap': 'mcap',
     '.md': 'markdown',
     '.png': 'png',
+    '.rrd': 'rerun',
     '.tex': 'latex',
     '.tum': 'tum',
     '.txt': 'text',

@@ -8,6 +8,7 @@ from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.reports.documents import json_report, junit_report, markdown_report
 from vio_eval_ros.reports.html import html_report
 from vio_eval_ros.reports.mcap import mcap_report
+from vio_eval_ros.reports.rerun import rerun_report
 from vio_eval_ros.reports.tables import csv_report, latex_report, tum_report
 
 REPORTS: dict[str, Callable[[Result], str | bytes]] = {
@@ -19,4 +20,5 @@ REPORTS: dict[str, Callable[[Result], str | bytes]] = {
     'tum': tum_report,
     'latex': latex_report,
     'mcap': mcap_report,
+    'rerun': rerun_report,
 }

@@ -178,10 +178,16 @@ def _coloured(run: DrawnRun, names: str, chosen: np.ndarray) -> list[Figure]:
 
 def _ramp(share: float) -> str:
     """Return the colour of an error, as a share of the hottest one."""
+    red, green, blue = ramp_colours(np.array([share]))[0].tolist()
+    return f'rgb({red},{green},{blue})'
+
+
+def ramp_colours(shares: np.ndarray) -> np.ndarray:
+    """Return the (N, 3) colours, 0 to 255, of errors as (N,) shares of the hottest one."""
     stops = np.array([[int(colour[k : k + 2], 16) for k in (1, 3, 5)] for colour in RAMP])
     at = np.linspace(0, 1, len(RAMP))
-    red, green, blue = (round(float(np.interp(share, at, stops[:, k]))) for k in range(3))
-    return f'rgb({red},{green},{blue})'
+    colours = np.stack([np.interp(shares, at, stops[:, k]) for k in range(3)], axis=1)
+    return colours.round().astype(np.uint8)
 
 
 def errors_over_time(run: DrawnRun, rmse_m: float, rmse_deg: float) -> Figure:
