@@ -21,8 +21,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from vio_eval_ros.comparison.repeated import compare, Rule
 from vio_eval_ros.rendering.tum import tum
-from vio_eval_ros.scoring.comparison import compare, Rule
 from vio_eval_ros.simulation import Drift, simulate
 
 PROJECT = Path(__file__).resolve().parents[1]

@@ -15,6 +15,7 @@ from pathlib import Path
 import re
 from typing import Any
 
+from vio_eval_ros.comparison.repeated import Rule
 from vio_eval_ros.core.config import EvaluationConfig, Options
 from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.core.limits import Described, Limits
@@ -25,7 +26,6 @@ from vio_eval_ros.inspection import expectations
 from vio_eval_ros.inspection.limits import InspectionLimits
 from vio_eval_ros.live.options import NodeConfig
 from vio_eval_ros.scoring import criteria, loading, suite
-from vio_eval_ros.scoring.comparison import Rule
 
 Schema = dict[str, Any]
 #: verb to its limits

@@ -6,9 +6,9 @@ import shutil
 
 import pytest
 
+from vio_eval_ros.comparison.repeated import Rule
 from vio_eval_ros.core.gates import Gate
 from vio_eval_ros.errors import ConfigError, ReadError, VioEvalError
-from vio_eval_ros.scoring.comparison import Rule
 from vio_eval_ros.scoring.documents import SUITE_REPORTS
 from vio_eval_ros.scoring.loading import load_suite, SEQUENCE_KEYS
 from vio_eval_ros.scoring.suite import DEFAULT_GATES, RunsGate, Sequence, Suite

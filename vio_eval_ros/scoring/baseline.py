@@ -12,13 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from vio_eval_ros.comparison.repeated import Distribution
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import Evaluation
 from vio_eval_ros.core.orientations import LARGEST_NUMBER
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError, ReadError
-from vio_eval_ros.scoring.comparison import Distribution
 from vio_eval_ros.settings import finite
 from vio_eval_ros.version import __version__
 

@@ -6,11 +6,12 @@ from collections.abc import Iterable, Iterator, Mapping
 import math
 from typing import Any
 
+from vio_eval_ros.comparison.direction import worse_sign
+from vio_eval_ros.comparison.repeated import Rule
 from vio_eval_ros.core.config import EvaluationConfig, nearest_name
 from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.core.gates import Gate
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.scoring.comparison import Rule
 from vio_eval_ros.scoring.entries import Entry
 from vio_eval_ros.scoring.suite import DEFAULT_GATES, OVER, RunsGate, SUCCESS_RATE
 from vio_eval_ros.settings import finite, load_yaml, Section
@@ -83,10 +84,26 @@ def rules_for(entry: Entry, config: EvaluationConfig) -> tuple[Rule, ...]:
             if isinstance(limits, Section):
                 limits.expect(*Rule._fields[1:])
             try:
-                rules[metric] = Rule.of(metric, limits)
+                rules[metric] = rule_of(metric, limits)
             except ConfigError as error:
                 raise section.error(metric, error) from None
     return tuple(rules.values())
+
+
+def rule_of(metric: str, limits: Any) -> Rule:
+    """Return the rule of ``{relative: 0.16, absolute: 0.01, mad: 3, p: 0.05}``."""
+    known = Rule._fields[1:]
+    if not isinstance(limits, Mapping) or not limits.keys() <= set(known):
+        raise ConfigError(f'compare {metric}: expected any of {", ".join(known)}, as numbers')
+    numbers = {name: finite(value) for name, value in limits.items()}
+    for name, number in numbers.items():
+        share = name in ('p', 'p_adjusted')
+        if not 0 <= number <= (1 if share else math.inf):
+            expected = 'number from 0 to 1' if share else 'finite number >= 0'
+            raise ConfigError(f"compare {metric}: {name}: '{limits[name]}' is not a {expected}")
+    if not worse_sign(metric):
+        raise ConfigError(f'compare {metric}: neither a higher nor a lower value is worse')
+    return Rule(metric, **numbers)
 
 
 def band_for(entry: Entry) -> Mapping[str, float] | None:

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 from itertools import compress
 import math
 
+from vio_eval_ros.comparison.repeated import MetricComparison
 from vio_eval_ros.comparison.tables import html_tables
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.rendering.figures import AMBER, BLUE, GREY, RED
@@ -22,7 +23,6 @@ from vio_eval_ros.rendering.page import (
 )
 from vio_eval_ros.rendering.text import number, percent
 from vio_eval_ros.reports.html import gate_rows, options, run_plots
-from vio_eval_ros.scoring.comparison import MetricComparison
 from vio_eval_ros.scoring.plots import marks, strips
 from vio_eval_ros.scoring.results import RunResult, SequenceResult, SuiteResult
 from vio_eval_ros.scoring.suite import RunsGate

@@ -10,13 +10,14 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any, NamedTuple, NoReturn, TypeVar
 
+from vio_eval_ros.comparison.repeated import Rule
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.gates import Gate, LIMITS, SEVERITIES
 from vio_eval_ros.core.orientations import LARGEST_NUMBER
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.scoring.baseline import damage
-from vio_eval_ros.scoring.comparison import Rule
+from vio_eval_ros.scoring.criteria import rule_of
 from vio_eval_ros.scoring.manifest import MAX_BYTES, SCHEMA
 from vio_eval_ros.scoring.results import RunResult, SequenceResult
 from vio_eval_ros.scoring.suite import DEFAULT_GATES, OVER, RunsGate, RunSpec, Sequence
@@ -187,7 +188,7 @@ def _rule(comparison: Mapping[str, Any]) -> tuple[Rule, tuple[float, ...]]:
     values = tuple(finite(value) for value in _of(comparison['baseline_values'], list))
     if not all(abs(value) < LARGEST_NUMBER for value in values):
         raise ValueError('a baseline has invalid values')
-    return Rule.of(_of(limits.pop('metric'), str), limits), values
+    return rule_of(_of(limits.pop('metric'), str), limits), values
 
 
 def _parsed(file: Path) -> dict[str, Any]:

@@ -9,11 +9,11 @@ import math
 from typing import Any
 
 from vio_eval_ros.comparison.matrix import Cell, CellRun, default_metrics, Matrix
+from vio_eval_ros.comparison.repeated import compare, Distribution, MetricComparison, Rule
 from vio_eval_ros.core.gates import judge, Verdict
 from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.scoring.baseline import BaselineSequence
-from vio_eval_ros.scoring.comparison import compare, Distribution, MetricComparison, Rule
 from vio_eval_ros.scoring.suite import RunsGate, RunSpec, Sequence, SUCCESS_RATE
 from vio_eval_ros.version import __version__
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from vio_eval_ros.comparison.repeated import Rule
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.gates import Gate
 from vio_eval_ros.evaluation.result import SUCCESS_GATES
 from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.scoring.baseline import BaselineSequence
-from vio_eval_ros.scoring.comparison import Rule
 from vio_eval_ros.scoring.stack import config_paths
 
 SUCCESS_RATE = 'success_rate'

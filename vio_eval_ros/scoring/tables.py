@@ -6,11 +6,11 @@ from collections import Counter
 from collections.abc import Iterator
 import math
 
+from vio_eval_ros.comparison.repeated import MetricComparison
 from vio_eval_ros.comparison.tables import UNITS
 from vio_eval_ros.core.gates import Verdict
 from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.rendering.text import number, percent
-from vio_eval_ros.scoring.comparison import MetricComparison
 from vio_eval_ros.scoring.results import SequenceResult, SuiteResult
 from vio_eval_ros.scoring.suite import DEFAULT_GATES, RunsGate, SUCCESS_RATE
 

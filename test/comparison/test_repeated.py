@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from scipy.stats import bootstrap, permutation_test, trim_mean
 
+from vio_eval_ros.comparison import repeated
 from vio_eval_ros.comparison.direction import worse_sign
+from vio_eval_ros.comparison.repeated import compare, Distribution, Rule
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names
-from vio_eval_ros.scoring import comparison
-from vio_eval_ros.scoring.comparison import compare, Distribution, Rule
 
 ATE = Rule('ate_trans_rmse_m')
 BEFORE = [0.10, 0.11, 0.09, 0.105, 0.095]
@@ -178,7 +178,7 @@ def test_of_many_runs_the_p_value_is_that_of_random_orders(monkeypatch):
     old, new = 1 + 0.1 * random.random(6), 1.04 + 0.1 * random.random(6)
     exact = compare(ATE, old, new).p_value
     assert exact == pytest.approx(compare(ATE, old, new).p_value)
-    monkeypatch.setattr(comparison, 'RESAMPLES', 900)  # fewer than the 924 orders there are
+    monkeypatch.setattr(repeated, 'RESAMPLES', 900)  # fewer than the 924 orders there are
     # three standard deviations of a share of 900
     assert compare(ATE, old, new).p_value == pytest.approx(
         exact, abs=3 * math.sqrt(exact * (1 - exact) / 900)

@@ -9,7 +9,7 @@ as medians do, but the medians of five runs take too few values to test with.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import combinations
@@ -19,8 +19,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from vio_eval_ros.comparison.direction import worse_sign
-from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.settings import finite
 
 RESAMPLES = 9999
 SEED = 0
@@ -46,23 +44,6 @@ class Rule(NamedTuple):
     absolute: float = 0.0
     mad: float = 0.0
     p: float = DEFAULT_P
-
-    @classmethod
-    def of(cls, metric: str, limits: Any) -> Rule:
-        """Return the rule of ``{relative: 0.16, absolute: 0.01, mad: 3, p: 0.05}``."""
-        known = cls._fields[1:]
-        if not isinstance(limits, Mapping) or not limits.keys() <= set(known):
-            raise ConfigError(f'compare {metric}: expected any of {", ".join(known)}, as numbers')
-        numbers = {name: finite(value) for name, value in limits.items()}
-        for name, number in numbers.items():
-            if not 0 <= number <= (1 if name == 'p' else math.inf):
-                expected = 'number from 0 to 1' if name == 'p' else 'finite number >= 0'
-                raise ConfigError(
-                    f"compare {metric}: {name}: '{limits[name]}' is not a {expected}"
-                )
-        if not worse_sign(metric):
-            raise ConfigError(f'compare {metric}: neither a higher nor a lower value is worse')
-        return cls(metric, **numbers)
 
 
 @dataclass(frozen=True)
