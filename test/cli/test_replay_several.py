@@ -61,7 +61,7 @@ def test_every_number_is_that_of_the_estimate_alone(flight):
 def test_the_metrics_are_chosen(flight):
     done = replay(*estimates(flight, 'poor', 'good'), '--metric', 'sim3_scale', 'coverage_ratio')
     heads = next(line for line in done.stdout.splitlines() if line.startswith('system'))
-    assert heads.split() == ['system', 'SIM3', 'scale', 'coverage']
+    assert heads.split() == ['system', 'Sim(3)', 'scale', 'coverage']
     assert "no metric 'ate' with" in complaint(
         *estimates(flight, 'good', 'poor'), '--metric', 'ate'
     )

@@ -25,7 +25,7 @@ from vio_eval_ros.scoring.tables import COLUMNS
 
 SCHEMAS = {
     name: json.loads((Path(__file__).resolve().parents[2] / 'docs/schema' / name).read_text())
-    for name in ('result-1.json', 'suite-1.json')
+    for name in ('result-1.json', 'comparison-1.json', 'suite-1.json')
 }
 ATE = 'ate_trans_rmse_m'
 HOSTILE = 'a<script>alert(1)</script>|`b`*c*&"\\\x1b[2J_{x}%$#~^\n# d,x\udcff'

@@ -16,7 +16,11 @@ from vio_eval_ros.rendering.text import escaped, printable
 UNITS = {'_deg_per_m': 'deg/m', '_percent': '%', '_deg': 'deg', '_m': 'm', '_s': 's'}
 #: parts of the names of metrics that the unit, or the custom of the field, tells already
 UNSAID = ('trans', 'rot', 'rmse')
-ACRONYMS = ('ate', 'rpe', 'kitti', 'nees', 'se3', 'sim3')
+WRITTEN = {
+    **{word: word.upper() for word in ('ate', 'rpe', 'kitti', 'nees')},
+    'se3': 'SE(3)',
+    'sim3': 'Sim(3)',
+}
 #: behind a value: its cell has failed, or only some of its runs
 FAILED, PARTLY = '†', '‡'
 #: in place of a value: no run could be scored, or there was none
@@ -72,8 +76,8 @@ def label(metric: str) -> str:
     """Return a metric as the head of a column names it: ``RPE 1 s [deg]``."""
     end = next((end for end in UNITS if metric.endswith(end)), '')
     words = [word for word in metric.removesuffix(end).split('_') if word not in UNSAID]
-    words = [word.upper() if word in ACRONYMS else word for word in words]
-    text = re.sub(r'\b([\d.]+)([a-z])\b', r'\1 \2', ' '.join(words))
+    text = ' '.join(WRITTEN.get(word, word) for word in words)
+    text = re.sub(r'\b([\d.]+)([a-z])\b', r'\1 \2', text)
     return f'{text.removesuffix(" ratio")} [{UNITS[end]}]' if end else text.removesuffix(' ratio')
 
 
@@ -171,10 +175,8 @@ def footnotes(matrix: Matrix) -> Iterator[str]:
         yield f'{", ".join(signs)}: no part in best and mean, and the last rank'
     if PARTLY in {value.mark for value in shown}:
         yield f'{PARTLY} some of its runs failed; they count as the worst in the median'
-    missing: dict[str, list[str]] = {}
     for (sequence, system), cell in matrix.cells.items():
         if cell.missing:
-            missing.setdefault(system, []).append(sequence)
             continue
         told = Counter(run.failure for run in cell.runs if run.failure)
         for metric in matrix.metrics:
@@ -183,8 +185,6 @@ def footnotes(matrix: Matrix) -> Iterator[str]:
         for why, runs in told.items():
             of = f'{runs} of {len(cell.runs)} runs: ' if len(cell.runs) > 1 else ''
             yield f'{name}: {of}{why}'
-    for system, sequences in missing.items():
-        yield f'{system} has no run of {", ".join(sequences)}'
     if len(matrix.sequences) > 1:
         yield from _of_means(matrix)
     if len(matrix.systems) == 1:
@@ -204,7 +204,8 @@ def _of_means(matrix: Matrix) -> Iterator[str]:
                 'sequences on which no system failed that has a value anywhere'
             )
         elif not common:
-            yield f'no mean of {", ".join(metrics)}: on every sequence some system has failed'
+            names = ', '.join(metrics)
+            yield f'no mean of {names}: on every sequence some system has failed or no run'
 
 
 def text_tables(matrix: Matrix) -> str:
@@ -290,7 +291,8 @@ def latex_tables(matrix: Matrix) -> str:
         ]
     lines += ['\\bottomrule', '\\end{tabular}']
     if notes := [*_legend(matrix), *map(latex, footnotes(matrix))]:
-        lines += ['\\par\\smallskip', '{\\footnotesize', *(f'{note}\\par' for note in notes), '}']
+        lines += ['\\par\\smallskip', '{\\footnotesize\\raggedright']
+        lines += [*(note if note.endswith('.') else f'{note}.' for note in notes), '\\par}']
     return '\n'.join(lines) + '\n'
 
 

@@ -92,6 +92,7 @@ def remarks(result: SuiteResult) -> Iterator[tuple[str, bool, str]]:
     that several of them share is said once.
     """
     shared: dict[str, list[str]] = {}
+    yield from ((system, False, text) for system, text in _missing(result))
     for one in worst_first(result):
         title = one.sequence.title
         if result.has_systems:
@@ -102,6 +103,18 @@ def remarks(result: SuiteResult) -> Iterator[tuple[str, bool, str]]:
             yield from ((title, False, problem) for problem in problems(one))
             yield from ((title, True, caution) for caution in cautions(one))
     yield from ((', '.join(titles), True, caution) for caution, titles in shared.items())
+
+
+def _missing(result: SuiteResult) -> Iterator[tuple[str, str]]:
+    """Yield each system without any run of some sequences, and where none was found."""
+    found: dict[str, list[SequenceResult]] = {}
+    for one in result.sequences:
+        if all(run.run.problem for run in one.runs):
+            found.setdefault(one.sequence.system, []).append(one)
+    for system, holes in found.items():
+        named = ', '.join(one.sequence.name for one in holes)
+        likewise = ', and so on' if len(holes) > 1 else ''
+        yield system, f'no run of {named}: {holes[0].runs[0].error}{likewise}'
 
 
 def judged(one: SequenceResult) -> Iterator[str]:
