@@ -75,7 +75,7 @@ def test_mean_and_rank_are_below_a_rule_and_say_over_what_they_are(papers):
     assert mean.split()[:4] == ['mean', 'of', '1', '0.160']
     assert lines[lines.index(mean) - 1].startswith('----')
     assert next(line for line in lines if line.startswith('rank')).split()[1] == '1.00'
-    assert 'mean of 1 (ATE [m], ATE [deg]): over V1, the sequences on which' in text
+    assert 'mean of 1 (ATE [m], ATE [deg]): over V1, where all systems succeeded' in text
     assert f'V2, b: {LOST}' in text
     assert f'V3, {HOSTILE}: x: the file has no rows of numbers' in text
 

@@ -143,19 +143,14 @@ def _mean_name(matrix: Matrix, metric: str) -> str:
 
 
 def _means(matrix: Matrix, metric: str) -> list[Shown]:
-    """Return the mean of each system; marked where it has failed somewhere."""
+    """Return the mean of each system over the common sequences."""
     best, second = matrix.places_of_means(metric)
+    means = {name: matrix.mean(metric, name) for name in matrix.systems}
     return [
         Shown()
-        if math.isnan(mean := matrix.mean(metric, name))
-        else Shown(
-            f'{mean:.{matrix.decimals(metric)}f}',
-            place=_place(name, best, second),
-            mark=''
-            if all(matrix.stands(metric, one, name) for one in matrix.sequences)
-            else FAILED,
-        )
-        for name in matrix.systems
+        if math.isnan(mean)
+        else Shown(f'{mean:.{matrix.decimals(metric)}f}', _place(name, best, second))
+        for name, mean in means.items()
     ]
 
 
@@ -194,17 +189,17 @@ def footnotes(matrix: Matrix) -> Iterator[str]:
 
 def _of_means(matrix: Matrix) -> Iterator[str]:
     """Yield the sequences of each mean that is not over all."""
-    found: dict[tuple[str, ...], list[str]] = {}
+    found: dict[tuple[tuple[str, ...], tuple[str, ...]], list[str]] = {}
     for metric in matrix.metrics:
-        found.setdefault(matrix.common(metric), []).append(label(metric))
-    for common, metrics in found.items():
+        never = (name for name in matrix.systems if math.isnan(matrix.mean(metric, name)))
+        found.setdefault((matrix.common(metric), tuple(never)), []).append(label(metric))
+    for (common, never), metrics in found.items():
+        names = ', '.join(metrics)
         if common and len(common) < len(matrix.sequences):
-            yield (
-                f'mean of {len(common)} ({", ".join(metrics)}): over {", ".join(common)}, the '
-                'sequences on which no system failed that has a value anywhere'
-            )
+            but = f' but {", ".join(never)}, which succeeded nowhere' if never else ''
+            where = ', '.join(common)
+            yield f'mean of {len(common)} ({names}): over {where}, where all systems succeeded{but}'
         elif not common:
-            names = ', '.join(metrics)
             yield f'no mean of {names}: on every sequence some system has failed or no run'
 
 
@@ -315,18 +310,23 @@ def _in_latex(value: Shown) -> str:
 
 def html_tables(matrix: Matrix) -> Html:
     """Return the tables and footnotes as a part of a page."""
-
-    def cell(value: Shown) -> Html:
-        kind = ('span', 'b', 'u')[value.place]
-        return joined([tag(kind, value.text), value.mark])
-
     parts: list[object] = []
     for one in tables_of(matrix):
-        rows = [[row.name, *map(cell, row.values)] for row in (*one.rows, *one.summary)]
+        rows = [[row.name, *map(_in_html, row.values)] for row in (*one.rows, *one.summary)]
         parts += [tag('h3', one.title)] if one.title else []
         parts.append(table(one.heads, rows, numbers=range(1, len(one.heads))))
     notes = [*_legend(matrix), *footnotes(matrix)]
     return joined([*parts, tag('ul', *(tag('li', note) for note in notes), class_='soft')])
+
+
+def _in_html(value: Shown) -> Html:
+    """Return a value whose point is below that of the others; a mark takes no room."""
+    kind = ('span', 'b', 'u')[value.place]
+    is_hole = value.text in (UNSCORED, MISSING)
+    shown = tag(kind, value.text, class_='soft' if is_hole else None)
+    mark = tag('span', value.mark, style='display:inline-block;width:0') if value.mark else ''
+    unseen = tag('span', value.missing, style='visibility:hidden') if value.missing else ''
+    return joined([shown, mark, unseen])
 
 
 def csv_table(matrix: Matrix) -> str:
