@@ -193,12 +193,12 @@ def _of_means(matrix: Matrix) -> Iterator[str]:
     for metric in matrix.metrics:
         never = (name for name in matrix.systems if math.isnan(matrix.mean(metric, name)))
         found.setdefault((matrix.common(metric), tuple(never)), []).append(label(metric))
-    for (common, never), metrics in found.items():
+    for (common, nowhere), metrics in found.items():
         names = ', '.join(metrics)
         if common and len(common) < len(matrix.sequences):
-            but = f' but {", ".join(never)}, which succeeded nowhere' if never else ''
-            where = ', '.join(common)
-            yield f'mean of {len(common)} ({names}): over {where}, where all systems succeeded{but}'
+            but = f' but {", ".join(nowhere)}, which succeeded nowhere' if nowhere else ''
+            where = f'over {", ".join(common)}, where all systems succeeded{but}'
+            yield f'mean of {len(common)} ({names}): {where}'
         elif not common:
             yield f'no mean of {names}: on every sequence some system has failed or no run'
 
