@@ -3,12 +3,13 @@
 import importlib.util
 import json
 from pathlib import Path
+import re
 from types import ModuleType
 
 import pytest
 import yaml
 
-from verbs import call, document
+from verbs import call, document, shell
 
 ROOT = Path(__file__).resolve().parents[2]
 METRICS = ('ate_trans_rmse_m', 'rpe_1s_rot_rmse_deg', 'ate_rot_rmse_deg', 'coverage_ratio')
@@ -75,3 +76,16 @@ def test_the_table_of_a_paper_shows_the_same_numbers(suite, found, tmp_path):
     lost = ate['V1_02']['systems']['vislam_ba']['value']
     assert f'{lost:.4f}\\rlap{{$^\\dagger$}}' in text
     assert json.dumps(ate['V1_02']['best']) == '["vislam_rp"]'
+
+
+@pytest.mark.slow
+def test_the_commands_of_the_documentation_print_what_is_shown(suite):
+    text = (ROOT / 'docs/compare.md').read_text()
+    (yaml_of_user,) = re.findall(r'```yaml\n(.*?)```', text, re.DOTALL)
+    (suite.parent / 'suite.yaml').write_text(yaml_of_user)
+    blocks = re.findall(r'```sh\n(.*?)```\n\n```\n(.*?)```', text, re.DOTALL)
+    assert len(blocks) == 3
+    for commands, shown in blocks:
+        done = shell(commands, cwd=suite.parent)
+        assert done.stdout == shown
+        assert done.stderr == ''
