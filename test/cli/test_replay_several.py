@@ -180,3 +180,17 @@ def test_every_report_names_every_system(flight, tmp_path, format):
     assert done.returncode == 1, done.stderr
     text = file.read_text().replace('\\_', '_')
     assert all(name in text for name in ('good', 'poor', 'no_1', 'No such file'))
+
+
+def test_wrong_usage_of_one_estimate_is_wrong_usage(flight):
+    both = estimates(flight, 'good', 'poor')
+    assert 'got nothing' in complaint(*both, '--estimate', 'a=')
+    assert 'quaternion must be' in complaint(*both, '--estimate', 'a=x.txt?quaternion=zyx')
+    told = complaint(DEMO, '--estimate', 'a=odom?stamps=never', '--estimate', 'b=/vio/odometry')
+    assert 'stamps must be header or recorded' in told
+
+
+def test_the_same_file_under_two_names_is_pointed_out(flight):
+    same = ['--estimate', f'again={flight}/good.txt']
+    done = replay(*estimates(flight, 'good', 'poor'), *same)
+    assert 'good and again have the same results: are they the same files?' in done.stdout

@@ -81,29 +81,28 @@ def add_inputs(parser: Parser, several: bool = False) -> None:
     )
 
 
-def named_estimates(texts: Sequence[str]) -> dict[str, str]:
+def named_estimates(arguments: argparse.Namespace) -> dict[str, str]:
     """
-    Return the specs of some estimates by the names of their systems: ``NAME=SPEC``, or a spec.
+    Return the estimates by the names of their systems; each is ``NAME=SPEC``, or a spec.
 
     A file of that very name is a spec without a name. Without one, the system has the name of its
     topic, or of its file without the suffix.
+
+    :raises ConfigError: a name is given twice, or a spec states what makes no sense.
     """
     found: dict[str, str] = {}
-    for text in texts:
+    for text in arguments.estimate:
         name, equals, spec = text.partition('=')
         if not equals or not re.fullmatch(SYSTEM_NAME, name) or exists(Path(text)):
-            name, spec = _usual_name(text), text
+            name, spec = '', text
+        path, topic, _ = Spec.parse(spec, beside_recording=arguments.recording is not None)
+        name = name or topic or (path or Path(spec)).stem
         if name in found:
             raise ConfigError(
                 f"two estimates are called '{name}'; give each a name: --estimate NAME={spec}"
             )
         found[name] = spec
     return found
-
-
-def _usual_name(text: str) -> str:
-    path, topic, _ = Spec.parse(text)
-    return topic or (path or Path(text)).stem
 
 
 def sources_of(arguments: argparse.Namespace, estimate: str | None) -> list[Source]:

@@ -141,7 +141,7 @@ def _replay(arguments: argparse.Namespace) -> int:
         raise ConfigError('--plot terminal draws beside the summary; leave out what replaces it')
     config = config_of(arguments)
     gates = _gates(arguments, config)
-    named = named_estimates(arguments.estimate)
+    named = named_estimates(arguments)
     if len(named) > 1:
         return _compare(arguments, named, config, gates)
     if arguments.metric:
@@ -257,8 +257,9 @@ def _gates(arguments: argparse.Namespace, config: EvaluationConfig) -> list[Gate
 
 def _documents(arguments: argparse.Namespace) -> list[Path]:
     """Return the files that are read apart from poses, and the recording as a whole."""
-    estimates = named_estimates(arguments.estimate).values()
-    specs = (Spec.parse(spec) for spec in (*estimates, arguments.ground_truth) if spec)
+    beside, estimates = arguments.recording is not None, named_estimates(arguments).values()
+    texts = (text for text in (*estimates, arguments.ground_truth) if text)
+    specs = (Spec.parse(text, beside_recording=beside) for text in texts)
     named = [arguments.recording, arguments.config, arguments.gates, *(one.path for one in specs)]
     listed = [*(arguments.stack_config or ()), *(arguments.calibration or ())]
     return [path for path in (*named, *listed) if path is not None]

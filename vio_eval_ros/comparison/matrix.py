@@ -147,12 +147,23 @@ class Matrix:
 
     def stands(self, metric: str, sequence: str, system: str) -> bool:
         """Return whether a value takes part in best, mean and rank."""
-        return self.cell(sequence, system).stands(metric)
+        return self._shown[metric, sequence, system][1]
 
     def rounded(self, metric: str, sequence: str, system: str) -> float:
         """Return the value of a cell as it is shown; NaN where it has none."""
-        value = self.cell(sequence, system).value(metric)
-        return round(value, self.decimals(metric, sequence, system))
+        return self._shown[metric, sequence, system][0]
+
+    @cached_property
+    def _shown(self) -> dict[tuple[str, str, str], tuple[float, bool]]:
+        """Each value as it is shown, and whether it stands; all else asks for them often."""
+        return {
+            (metric, *names): (
+                round(cell.value(metric), self.decimals(metric, *names)),
+                cell.stands(metric),
+            )
+            for metric in self.metrics
+            for names, cell in self.cells.items()
+        }
 
     @cached_property
     def _decimals(self) -> dict[str, int]:
@@ -191,6 +202,17 @@ class Matrix:
         Systems that look the same as rounded share the mean of their ranks; those that failed
         share the last ones. Empty where no system has a value, or neither more nor less is worse.
         """
+        return self._ranks[metric, sequence]
+
+    @cached_property
+    def _ranks(self) -> dict[tuple[str, str], dict[str, float]]:
+        return {
+            (metric, sequence): self._ranked(metric, sequence)
+            for metric in self.metrics
+            for sequence in self.sequences
+        }
+
+    def _ranked(self, metric: str, sequence: str) -> dict[str, float]:
         sign = worse_sign(metric)
         badness = np.array(
             [
@@ -293,6 +315,18 @@ class Matrix:
             'second': list(self.second(metric, sequence)),
         }
 
+    def twins(self) -> Iterator[tuple[str, list[str]]]:
+        """Yield systems whose results on a sequence are the same to the last bit."""
+        for sequence in self.sequences:
+            found: dict[str, list[str]] = {}
+            for system in self.systems:
+                results = self.cell(sequence, system).results
+                # NaN is not equal to NaN, but written the same
+                numbers = [list(one.summary.metrics.values()) for one in results]
+                found.setdefault(repr(numbers), []).append(system)
+            found.pop(repr([]), None)
+            yield from ((sequence, names) for names in found.values() if len(names) > 1)
+
     def failures(self) -> Iterator[tuple[str, str, str, str]]:
         """Yield sequence, system, run and reason of each run that was no success."""
         for (sequence, system), cell in self.cells.items():
@@ -313,11 +347,11 @@ def check_metrics(metrics: Sequence[str], known: Sequence[str]) -> None:
 
 
 def default_metrics(config: EvaluationConfig) -> tuple[str, ...]:
-    """Return what is compared where nobody chooses: ATE, and RPE over the usual distance."""
+    """Return what is compared where nobody chooses: ATE, RPE of the usual delta, coverage."""
     deltas = config.rpe_deltas
     delta = USUAL_DELTA if USUAL_DELTA in deltas else deltas[0] if deltas else None
     rpe = () if delta is None else (f'rpe_{delta}_trans_rmse_m', f'rpe_{delta}_rot_rmse_deg')
-    return 'ate_trans_rmse_m', 'ate_rot_rmse_deg', *rpe
+    return 'ate_trans_rmse_m', 'ate_rot_rmse_deg', *rpe, 'coverage_ratio'
 
 
 def _clipped(decimals: int) -> int:

@@ -182,6 +182,9 @@ def footnotes(matrix: Matrix) -> Iterator[str]:
             yield f'{name}: {of}{why}'
     if len(matrix.sequences) > 1:
         yield from _of_means(matrix)
+    for sequence, names in matrix.twins():
+        where = f'{sequence}: ' if sequence else ''
+        yield f'{where}{" and ".join(names)} have the same results: are they the same files?'
     if len(matrix.systems) == 1:
         yield 'only one system: nothing to compare it with'
     yield from matrix.notes
