@@ -193,4 +193,4 @@ def test_wrong_usage_of_one_estimate_is_wrong_usage(flight):
 def test_the_same_file_under_two_names_is_pointed_out(flight):
     same = ['--estimate', f'again={flight}/good.txt']
     done = replay(*estimates(flight, 'good', 'poor'), *same)
-    assert 'good and again have the same results: are they the same files?' in done.stdout
+    assert 'good and again have the same results: are they the same runs?' in done.stdout

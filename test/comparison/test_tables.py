@@ -85,7 +85,8 @@ def test_the_longer_side_goes_down():
     assert text_tables(matrix(V1=one, V2=one)).splitlines()[1].split()[:3] == [
         'system', 'V1', 'V2',
     ]  # fmt: skip
-    heads = text_tables(matrix(V1=one)).splitlines()[0]
+    title, heads = text_tables(matrix(V1=one)).splitlines()[:2]
+    assert title == 'V1'
     assert heads.split() == ['system', 'ATE', '[m]', 'ATE', '[deg]']
 
 

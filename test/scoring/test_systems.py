@@ -190,6 +190,16 @@ def test_systems_that_would_be_the_same_runs_are_refused(folder):
     assert 'the systems say where theirs are' in refusal(folder, twice)
 
 
+def test_a_system_may_have_the_files_of_another_under_other_options(folder):
+    same = LISTED.replace('runs/poor', 'runs/good')
+    assert [one.runs[0].name for one in load(folder, same).sequences[:2]] == [
+        'runs/good/one/0.tum', 'runs/good/one/0.tum',
+    ]  # fmt: skip
+    inherited = LISTED.replace("good, estimate: 'runs/good/{sequence}/*.tum'", 'good')
+    suite = load(folder, 'estimate: runs/good/{sequence}/*.tum\n' + inherited)
+    assert suite.sequences[0].runs[0].name == 'runs/good/one/0.tum'
+
+
 def test_a_system_in_braces_needs_systems(folder):
     text = TEMPLATE.replace('{system}', 'good').replace('gt.tum', 'gt{system}.tum')
     assert '{system} stands for nothing: list systems' in refusal(folder, text)

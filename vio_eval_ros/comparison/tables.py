@@ -61,7 +61,7 @@ class Table(NamedTuple):
     """
     One table.
 
-    :param title: the metric; empty where the columns are metrics.
+    :param title: the metric, or the only sequence where the columns are metrics.
     :param heads: of the columns, the first of which has the names.
     :param summary: rows below a rule: mean and rank.
     """
@@ -94,7 +94,7 @@ def tables_of(matrix: Matrix) -> list[Table]:
         Row(system, [_shown(matrix, metric, sequence, system) for metric in matrix.metrics])
         for system in matrix.systems
     ]
-    return [Table('', ['system', *map(label, matrix.metrics)], rows, [])]
+    return [Table(sequence, ['system', *map(label, matrix.metrics)], rows, [])]
 
 
 def _of_metric(matrix: Matrix, metric: str) -> Table:
@@ -184,7 +184,7 @@ def footnotes(matrix: Matrix) -> Iterator[str]:
         yield from _of_means(matrix)
     for sequence, names in matrix.twins():
         where = f'{sequence}: ' if sequence else ''
-        yield f'{where}{" and ".join(names)} have the same results: are they the same files?'
+        yield f'{where}{" and ".join(names)} have the same results: are they the same runs?'
     if len(matrix.systems) == 1:
         yield 'only one system: nothing to compare it with'
     yield from matrix.notes

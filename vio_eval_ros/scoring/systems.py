@@ -33,8 +33,7 @@ def with_systems(top: Section, sequences: Sequence[Entry], keys: Sequence[str]) 
         for one in sequences
         for name, section in systems.items()
     ]
-    for entry in entries:
-        _check(entry, len(sequences), len(systems))
+    _check(entries)
     return entries
 
 
@@ -99,17 +98,17 @@ def _names(entry: Entry, key: str, text: str) -> Iterator[str]:
             yield match['system']
 
 
-def _check(entry: Entry, sequences: int, systems: int) -> None:
-    """Raise ``ConfigError`` where two cells would be the same runs."""
-    places = [entry.text(key) or '' for key in PLACES]
-    stated = [entry.stating(key) for key in PLACES if entry.text(key)]
-    own, system = entry.own, entry.layers[-1]
-    if 'estimate' in own and 'estimate' in system:
-        raise own.error('estimate', 'estimate: the systems say where theirs are; leave it out')
-    for name, count, section in (('sequence', sequences, own), ('system', systems, system)):
-        told = any(f'{{{name}}}' in text for text in places) or any(s is section for s in stated)
-        if stated and count > 1 and not told:
-            raise entry.error(
-                'estimate',
-                f'estimate: without {{{name}}} in it, every {name} would be the same runs',
-            )
+def _check(entries: Sequence[Entry]) -> None:
+    """Raise ``ConfigError`` where two cells would be the same runs without anybody saying so."""
+    seen: dict[tuple[str | None, ...], Entry] = {}
+    for entry in entries:
+        own, system = entry.own, entry.layers[-1]
+        if 'estimate' in own and 'estimate' in system:
+            raise own.error('estimate', 'estimate: the systems say where theirs are; leave it out')
+        first = seen.setdefault(tuple(entry.path(key) for key in PLACES), entry)
+        # a system that states its own files may compare them under other options
+        stated = any(entry.stating(key) is system for key in PLACES)
+        same = 'sequence' if first.name != entry.name else 'system'
+        if first is not entry and entry.text('estimate') and not (stated and same == 'system'):
+            problem = f'without {{{same}}} in it, every {same} would be the same runs'
+            raise entry.error('estimate', f'estimate: {problem}')
