@@ -3,6 +3,9 @@
 import math
 from types import SimpleNamespace
 
+from hypothesis import given
+from hypothesis import strategies as st
+
 from vio_eval_ros.comparison.matrix import Cell, CellRun, Matrix
 
 ATE = 'ate_trans_rmse_m'
@@ -109,3 +112,36 @@ def test_repeated_runs_show_no_more_than_their_standard_error_supports():
     found = matrix({'V1': {'rough': rough, 'fine': fine, 'same': same}})
     assert [found.decimals(ATE, 'V1', name) for name in found.systems] == [2, 3, 3]
     assert found.rounded(ATE, 'V1', 'rough') == 0.16
+
+
+errors = st.floats(1e-4, 1e3)
+cells = st.lists(st.tuples(errors, st.sampled_from(['', LOST])), min_size=1, max_size=5).map(
+    lambda runs: [run(*one) for one in runs]
+)
+rows = st.fixed_dictionaries({name: cells for name in 'abcd'})
+
+
+@given(rows, st.permutations('abcd'))
+def test_the_order_of_the_systems_changes_nothing(row, order):
+    one, other = matrix({'V1': row}), matrix({'V1': {name: row[name] for name in order}})
+    assert one.ranks(ATE, 'V1') == other.ranks(ATE, 'V1')
+    assert set(one.best(ATE, 'V1')) == set(other.best(ATE, 'V1'))
+    assert set(one.second(ATE, 'V1')) == set(other.second(ATE, 'V1'))
+
+
+@given(rows)
+def test_ranks_are_shared_out_and_the_best_have_the_lowest(row):
+    found = matrix({'V1': row})
+    ranks = found.ranks(ATE, 'V1')
+    assert not ranks or sum(ranks.values()) == 1 + 2 + 3 + 4
+    for name in found.best(ATE, 'V1'):
+        assert ranks[name] == min(ranks.values())
+        assert found.stands(ATE, 'V1', name)
+
+
+@given(cells, errors)
+def test_one_more_failed_run_never_makes_a_cell_better(runs, error):
+    before, after = Cell(tuple(runs)), Cell((*runs, run(error, LOST)))
+    if after.stands(ATE):
+        assert before.stands(ATE)
+        assert after.value(ATE) >= before.value(ATE)

@@ -75,7 +75,7 @@ def _parser() -> Parser:
         nargs='+',
         default=[],
         metavar='NAME',
-        help='the columns of the table of several estimates (default: ATE and RPE)',
+        help='the columns of the table of several estimates (default: ATE, RPE and coverage)',
     )
     complete(metric, lambda **_: metric_names(EvaluationConfig()))
     output.add_argument(

@@ -34,6 +34,7 @@ examples:
   score suite.yaml --record-baseline baseline.json
   score suite.yaml --baseline baseline.json --report junit:junit.xml --report markdown:score.md
   score suite.yaml --tags easy --set options.alignment=sim3 --set sequences.V1_02.gates='{}'
+  score suite.yaml --metric ate_trans_rmse_m rpe_1s_rot_rmse_deg --report table.tex
   score --verify manifest.json
 
 exit status: 0 all passed (or reproduced), 1 a gate failed or a metric is worse than in the
@@ -91,7 +92,7 @@ def _add_selection(parser: Parser) -> None:
         nargs='+',
         default=[],
         metavar='NAME',
-        help='by which the systems of the suite are compared (default: ATE and RPE)',
+        help='by which the systems of the suite are compared (default: ATE, RPE and coverage)',
     )
     complete(metric, lambda **_: metric_names(EvaluationConfig()))
     parser.add_argument(
