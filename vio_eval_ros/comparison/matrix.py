@@ -268,9 +268,21 @@ class Matrix:
         known = [rank for rank in ranks if not math.isnan(rank)]
         return float(np.mean(known)) if known else math.nan
 
+    def decimals_of_mean(self, metric: str) -> int:
+        """Return as many decimals as the most certain of the values has that means are made of."""
+        return max(
+            (
+                self.decimals(metric, one, name)
+                for one in self.common(metric)
+                for name in self.systems
+                if self.stands(metric, one, name)
+            ),
+            default=self.decimals(metric),
+        )
+
     def places_of_means(self, metric: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Return the systems with the best and the second best mean."""
-        sign, decimals = worse_sign(metric), self.decimals(metric)
+        sign, decimals = worse_sign(metric), self.decimals_of_mean(metric)
         means = {name: round(self.mean(metric, name), decimals) for name in self.systems}
         return _places({name: sign * mean for name, mean in means.items()} if sign else {})
 

@@ -32,6 +32,7 @@ LATEX_SPECIAL = {
     '<': r'\textless{}', '>': r'\textgreater{}', '|': r'\textbar{}', '†': r'$\dagger$',
     '‡': r'$\ddagger$', **{sign: f'\\{sign}' for sign in '&%$#_{}'},
 }  # fmt: skip
+LATEX_COMPARISONS = {r'\textgreater{}=': r'$\geq$', r'\textless{}=': r'$\leq$'}
 LATEX_MARKS = {'': '', FAILED: r'\rlap{$^\dagger$}', PARTLY: r'\rlap{$^\ddagger$}'}
 
 
@@ -128,7 +129,7 @@ def _shown(matrix: Matrix, metric: str, sequence: str, system: str) -> Shown:
         f'{value:.{decimals}f}',
         place=_place(system, matrix.best(metric, sequence), matrix.second(metric, sequence)),
         mark=mark if matrix.stands(metric, sequence, system) else FAILED,
-        missing='' if decimals == usual else '.' * (not decimals) + '0' * (usual - decimals),
+        missing=_missing(decimals, usual),
     )
 
 
@@ -146,12 +147,19 @@ def _means(matrix: Matrix, metric: str) -> list[Shown]:
     """Return the mean of each system over the common sequences."""
     best, second = matrix.places_of_means(metric)
     means = {name: matrix.mean(metric, name) for name in matrix.systems}
+    decimals = matrix.decimals_of_mean(metric)
+    missing = _missing(decimals, matrix.decimals(metric))
     return [
         Shown()
         if math.isnan(mean)
-        else Shown(f'{mean:.{matrix.decimals(metric)}f}', _place(name, best, second))
+        else Shown(f'{mean:.{decimals}f}', _place(name, best, second), missing=missing)
         for name, mean in means.items()
     ]
+
+
+def _missing(decimals: int, usual: int) -> str:
+    """Return what stands in place of the decimals that a value does not have."""
+    return '' if decimals == usual else '.' * (not decimals) + '0' * (usual - decimals)
 
 
 def _ranks(matrix: Matrix, metric: str) -> list[Shown]:
@@ -273,7 +281,8 @@ def latex_tables(matrix: Matrix) -> str:
     centred = (f'\\multicolumn{{1}}{{c}}{{{head}}}' for head in heads[1:])
     lines = [
         '% needs \\usepackage{booktabs}',
-        f'\\begin{{tabular}}{{l{"r" * (len(heads) - 1)}}}',
+        # most columns of papers are narrow
+        f'{{\\setlength{{\\tabcolsep}}{{4pt}}\\begin{{tabular}}{{l{"r" * (len(heads) - 1)}}}',
         '\\toprule',
         _latex_row([heads[0], *centred]),
     ]
@@ -287,7 +296,7 @@ def latex_tables(matrix: Matrix) -> str:
         lines += [
             _latex_row([latex(row.name), *map(_in_latex, row.values)]) for row in one.summary
         ]
-    lines += ['\\bottomrule', '\\end{tabular}']
+    lines += ['\\bottomrule', '\\end{tabular}}']
     if notes := [*_legend(matrix), *map(latex, footnotes(matrix))]:
         lines += ['\\par\\smallskip', '{\\footnotesize\\raggedright']
         lines += [*(note if note.endswith('.') else f'{note}.' for note in notes), '\\par}']
@@ -296,7 +305,10 @@ def latex_tables(matrix: Matrix) -> str:
 
 def latex(text: str) -> str:
     """Return text with nothing in it that LaTeX would interpret."""
-    return ''.join(LATEX_SPECIAL.get(sign, sign) for sign in printable(text))
+    escaped_text = ''.join(LATEX_SPECIAL.get(sign, sign) for sign in printable(text))
+    for written, sign in LATEX_COMPARISONS.items():
+        escaped_text = escaped_text.replace(written, sign)
+    return escaped_text
 
 
 def _latex_row(cells: Sequence[str]) -> str:
@@ -307,7 +319,8 @@ def _latex_row(cells: Sequence[str]) -> str:
 
 def _in_latex(value: Shown) -> str:
     missing = f'\\phantom{{{value.missing}}}' if value.missing else ''
-    styled = ('{}', '\\textbf{{{}}}', '\\underline{{{}}}')[value.place].format(value.text)
+    text = '--' if value.text == '-' else value.text
+    styled = ('{}', '\\textbf{{{}}}', '\\underline{{{}}}')[value.place].format(text)
     return f'{styled}{LATEX_MARKS[value.mark]}{missing}'
 
 
