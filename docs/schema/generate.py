@@ -175,13 +175,14 @@ def rules() -> Schema:
         'absolute': 'in the unit of the metric',
         'mad': 'times the median absolute deviation of the baseline',
         'p': 'largest probability that it is so by chance',
+        'p_adjusted': 'the same of any comparison of the suite; 1 leaves each to itself',
     }
     assert tuple(meanings) == Rule._fields[1:]
     limits = {
         name: {**NOT_NEGATIVE, 'description': meaning, 'default': Rule._field_defaults[name]}
         for name, meaning in meanings.items()
     }
-    limits['p']['maximum'] = 1
+    limits['p']['maximum'] = limits['p_adjusted']['maximum'] = 1
     return table(limits)
 
 

@@ -61,7 +61,7 @@ def result(tmp_path_factory) -> SuiteResult:
     folder = tmp_path_factory.mktemp('suite')
     write_runs(folder, [0.02, 0.021, 0.022, 0.023, 0.024])
     before = score_suite(load_suite(folder / 'suite.yaml'), 2)
-    write_runs(folder, [0.06, 0.061, 0.062, 0.063, 0.064])
+    write_runs(folder, [0.1, 0.101, 0.102, 0.103, 0.104])
     return against(score_suite(load_suite(folder / 'suite.yaml'), 2), before)
 
 

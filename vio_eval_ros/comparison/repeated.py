@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from itertools import combinations
 import math
 from typing import Any, NamedTuple
@@ -26,6 +26,8 @@ CONFIDENCE = 0.95
 #: share of the values that a mean leaves out at either end
 TRIMMED = 0.2
 DEFAULT_P = 0.05
+#: how often an unchanged stack may fail with any of the comparisons of a suite
+FAMILY_P = 0.02
 #: stands in for the value of a run without one, in multiples of the largest known value
 MISSING_VALUE = 1e3
 
@@ -36,7 +38,8 @@ class Rule(NamedTuple):
 
     Its median must be worse by more than each of ``relative`` (times the baseline's median),
     ``absolute`` and ``mad`` (times the baseline's median absolute deviation), and the p-value
-    of that must be at most ``p``.
+    of that must be at most ``p``. Among the comparisons of a suite, ``p_adjusted`` bounds the
+    probability that chance makes any of them as bad; 1 leaves each to itself.
     """
 
     metric: str
@@ -44,6 +47,7 @@ class Rule(NamedTuple):
     absolute: float = 0.0
     mad: float = 0.0
     p: float = DEFAULT_P
+    p_adjusted: float = FAMILY_P
 
 
 @dataclass(frozen=True)
@@ -85,6 +89,8 @@ class MetricComparison:
     :param difference: of the medians, candidate minus baseline; NaN where either is unknown.
     :param allowed: by how much it may be worse.
     :param p_value: one-sided; NaN where there are too few runs for a test.
+    :param p_adjusted: for all comparisons of a suite, see :mod:`vio_eval_ros.comparison.family`;
+        NaN where it is not part of one.
     """
 
     rule: Rule
@@ -95,6 +101,36 @@ class MetricComparison:
     allowed: float
     p_value: float
     worse: bool
+    p_adjusted: float = math.nan
+
+    @property
+    def sides(self) -> tuple[tuple[float, ...], tuple[float, ...]]:
+        """The runs of the baseline and of the candidate, those without a value being infinite."""
+        worst = worse_sign(self.rule.metric) * math.inf
+        return self.baseline.values, (*self.candidate.values, *[worst] * self.missing)
+
+    @cached_property
+    def logarithms(self) -> np.ndarray:
+        """Logarithms of the runs over their median, within limits; the candidate first."""
+        values = finite_values(*self.sides)
+        usual = float(np.median(np.abs(values))) or 1.0
+        return np.log(np.clip(values / usual, 1 / MISSING_VALUE, MISSING_VALUE))
+
+    @property
+    def beyond(self) -> bool:
+        """Whether the median is worse by more than is allowed, significantly or not."""
+        return worse_sign(self.rule.metric) * self.difference > self.allowed
+
+    @property
+    def largest_p_adjusted(self) -> float:
+        """
+        The largest adjusted p-value of what is worse.
+
+        It is that of the rule; where so few runs can hardly reach that, it is more by the smallest
+        p-value that they can have: else no change whatever could be worse.
+        """
+        limit, least = self.rule.p_adjusted, self.least_p_value
+        return limit + least if 2 * least > limit else limit
 
     @cached_property
     def interval(self) -> tuple[float, float]:
@@ -116,8 +152,12 @@ class MetricComparison:
     @property
     def contradicted(self) -> bool:
         """Whether the median is worse than allowed, but not the trimmed mean that is tested."""
-        sign = worse_sign(self.rule.metric)
-        return not self.worse and sign * self.difference > self.allowed and self.p_value > 0.5
+        return not self.worse and self.beyond and self.p_value > 0.5
+
+    @property
+    def may_be_chance(self) -> bool:
+        """Whether it is worse by itself, but not among all comparisons of the suite."""
+        return not self.worse and self.beyond and self.p_value <= self.rule.p
 
     def to_dict(self) -> dict[str, Any]:
         """Return the comparison as results have it."""
@@ -130,6 +170,7 @@ class MetricComparison:
             'relative_difference': self.relative_difference,
             'allowed': self.allowed,
             'p_value': self.p_value,
+            'p_adjusted': self.p_adjusted,
             'confidence_interval': list(self.interval),
             'worse': self.worse,
         }
@@ -181,28 +222,49 @@ def _p_value(sign: int, old: Sequence[float], new: Sequence[float]) -> float:
     Return the one-sided p-value of a permutation test on the trimmed means.
 
     It is the share of all ways to divide the values into groups of these sizes that separates the
-    groups at least as far; of RESAMPLES random ones where there are more ways than that.
+    groups at least as far; of RESAMPLES random ones where there are more ways than that. Where
+    trimmed means are equal, as of runs that all give the same, the means decide.
 
     :param sign: 1 where higher values are worse, -1 where lower ones are.
     """
-    values, size = np.array([*new, *old]), len(new)
-    most = np.abs(values[np.isfinite(values)]).max()
-    values = np.clip(values, -MISSING_VALUE * most, MISSING_VALUE * most)
-    if math.comb(len(values), size) <= RESAMPLES:
-        first = np.array(list(combinations(range(len(values)), size)))
-        others = np.ones((len(first), len(values)), bool)
-        np.put_along_axis(others, first, False, axis=1)
-        orders = np.hstack([first, np.nonzero(others)[1].reshape(len(first), -1)])
-    else:
-        orders = np.tile(np.arange(len(values)), (RESAMPLES, 1))
-        orders[1:] = np.random.default_rng(SEED).permuted(orders[1:], axis=1)
-    divided = values[orders]
-    apart = sign * (_trimmed_mean(divided[:, :size]) - _trimmed_mean(divided[:, size:]))
+    values, size = finite_values(old, new), len(new)
+    divided = values[divisions(len(values), size)]
+    first, second = divided[:, :size], divided[:, size:]
+    apart = sign * (trimmed_mean(first) - trimmed_mean(second))
+    means = sign * (first.mean(axis=1) - second.mean(axis=1))
     # the first is the true division; equal ones may differ from it in the last bits
-    return float(np.mean(apart >= apart[0] - 1e-12 * np.abs(values).max()))
+    rounding = 1e-12 * np.abs(values).max()
+    further, equal = apart > apart[0] + rounding, np.abs(apart - apart[0]) <= rounding
+    return float(np.mean(further | (equal & (means >= means[0] - rounding))))
 
 
-def _trimmed_mean(values: np.ndarray) -> np.ndarray:
+def finite_values(old: Sequence[float], new: Sequence[float]) -> np.ndarray:
+    """Return all values, the new ones first, in which infinite ones are very large."""
+    values = np.array([*new, *old])
+    most = np.abs(values[np.isfinite(values)]).max()
+    return np.clip(values, -MISSING_VALUE * most, MISSING_VALUE * most)
+
+
+@lru_cache(maxsize=8)
+def divisions(count: int, size: int) -> np.ndarray:
+    """
+    Return the (ways, count) indices that divide runs into two groups; the first is 0, 1, 2...
+
+    All of them; RESAMPLES random ones where there are more than that.
+
+    :param size: of the first group.
+    """
+    if math.comb(count, size) > RESAMPLES:
+        orders = np.tile(np.arange(count), (RESAMPLES, 1))
+        orders[1:] = np.random.default_rng(SEED).permuted(orders[1:], axis=1)
+        return orders
+    first = np.array(list(combinations(range(count), size)))
+    others = np.ones((len(first), count), bool)
+    np.put_along_axis(others, first, False, axis=1)
+    return np.hstack([first, np.nonzero(others)[1].reshape(len(first), -1)])
+
+
+def trimmed_mean(values: np.ndarray) -> np.ndarray:
     """Return the mean of each row, trimmed by TRIMMED at either end."""
     cut = int(TRIMMED * values.shape[1])
     kept = np.sort(values, axis=1)[:, cut : values.shape[1] - cut]

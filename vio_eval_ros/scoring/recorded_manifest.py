@@ -185,6 +185,7 @@ def _runs_gate(gate: Mapping[str, Any]) -> RunsGate:
 def _rule(comparison: Mapping[str, Any]) -> tuple[Rule, tuple[float, ...]]:
     """Return a rule, and the values of the baseline."""
     limits = dict(_of(comparison['rule'], dict))
+    limits.setdefault('p_adjusted', 1.0)  # as long as there was none
     values = tuple(finite(value) for value in _of(comparison['baseline_values'], list))
     if not all(abs(value) < LARGEST_NUMBER for value in values):
         raise ValueError('a baseline has invalid values')

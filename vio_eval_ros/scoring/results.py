@@ -8,6 +8,7 @@ from functools import cached_property
 import math
 from typing import Any
 
+from vio_eval_ros.comparison.family import adjusted
 from vio_eval_ros.comparison.matrix import Cell, CellRun, default_metrics, Matrix
 from vio_eval_ros.comparison.repeated import compare, Distribution, MetricComparison, Rule
 from vio_eval_ros.core.gates import judge, Verdict
@@ -176,6 +177,16 @@ class SequenceResult:
     def gates_to_dicts(self) -> list[dict[str, Any]]:
         """Return the gates over the runs as results have them."""
         return [{**verdict.to_dict(), 'of': gate.over} for gate, verdict in self.verdicts]
+
+
+def judged_together(sequences: Iterable[SequenceResult]) -> list[SequenceResult]:
+    """Return sequences whose comparisons with a baseline are adjusted for all of them."""
+    sequences = list(sequences)
+    compared = adjusted([one.comparisons or () for one in sequences])
+    return [
+        SequenceResult(one.sequence, one.runs, None if one.comparisons is None else found)
+        for one, found in zip(sequences, compared, strict=True)
+    ]
 
 
 @dataclass(frozen=True, eq=False)

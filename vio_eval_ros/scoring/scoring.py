@@ -10,7 +10,12 @@ from typing import Any
 
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.scoring.baseline import Baseline, BaselineSequence
-from vio_eval_ros.scoring.results import RunResult, SequenceResult, SuiteResult
+from vio_eval_ros.scoring.results import (
+    judged_together,
+    RunResult,
+    SequenceResult,
+    SuiteResult,
+)
 from vio_eval_ros.scoring.run import score_specs
 from vio_eval_ros.scoring.suite import RunSpec, Sequence, Suite
 from vio_eval_ros.scoring.workers import Died, in_processes
@@ -73,7 +78,7 @@ def compare_suite(
     """
     current = {one.sequence.title: one.recorded for one in result.sequences}
     notes = [f'accepted difference: {text}' for text in baseline.check(current, accepted)]
-    sequences = [_compared(one, baseline.sequences) for one in result.sequences]
+    sequences = judged_together([_compared(one, baseline.sequences) for one in result.sequences])
     for one in sequences:
         notes += [f'{one.sequence.title}: {note}' for note in _unanswered(one)]
     notes += [
@@ -110,6 +115,12 @@ def _unanswered(one: SequenceResult) -> Iterator[str]:
             yield (
                 f'{runs} cannot show that {metric} is worse with p <= {each.rule.p:g}; '
                 f'the smallest possible p is {each.least_p_value:.2g}'
+            )
+        elif each.may_be_chance:
+            yield (
+                f'{metric} is worse by itself (p = {each.p_value:.2g}), but among so many '
+                f'comparisons chance would do as much (adjusted p = {each.p_adjusted:.2g}): more '
+                'runs of each side tell'
             )
         elif each.contradicted:
             yield (

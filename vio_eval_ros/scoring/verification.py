@@ -29,6 +29,7 @@ from vio_eval_ros.scoring.recorded_manifest import (
     RecordedManifest,
     RecordedRun,
 )
+from vio_eval_ros.scoring.results import judged_together
 from vio_eval_ros.scoring.scoring import score_suite
 from vio_eval_ros.scoring.suite import RunSpec, Sequence, Suite
 from vio_eval_ros.version import __version__
@@ -93,11 +94,12 @@ def _notes(manifest: RecordedManifest) -> Iterator[str]:
 
 def _judged_again(manifest: RecordedManifest, results: Iterator[Result | None]) -> Iterator[str]:
     """Yield what differs from when the runs were judged together, given their results now."""
+    again = judged_together(
+        [one.judge([next(results) for _ in one.runs]) for one in manifest.sequences]
+    )
     passed = True
-    for one in manifest.sequences:
-        again = [next(results) for _ in one.runs]
+    for one, now in zip(manifest.sequences, again, strict=True):
         if one.judged:
-            now = one.judge(again)
             passed &= now.passed
             for difference in _others(one.judged, judgement(now), one.runs[0].whole):
                 yield f'{one.name}: {difference}'
