@@ -101,7 +101,7 @@ def test_the_mean_is_over_what_all_have_and_the_rank_over_all_sequences():
 
 def test_values_without_spread_have_the_decimals_of_the_smallest():
     found = matrix({'V1': {'a': [run(0.02234)], 'b': [run(3.4912345)]}})
-    assert found.decimals(ATE) == 4
+    assert found.most_decimals[ATE] == 4
     assert found.rounded(ATE, 'V1', 'b') == 3.4912
 
 

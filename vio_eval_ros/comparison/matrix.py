@@ -117,6 +117,14 @@ class Cell:
                 yield run.name, f'has no {metric}'
 
 
+class _Shown(NamedTuple):
+    """A value rounded to its decimals, and whether it takes part in best, mean and rank."""
+
+    number: float
+    decimals: int
+    stands: bool
+
+
 @dataclass(frozen=True, eq=False)
 class Matrix:
     """
@@ -147,27 +155,44 @@ class Matrix:
 
     def stands(self, metric: str, sequence: str, system: str) -> bool:
         """Return whether a value takes part in best, mean and rank."""
-        return self._shown[metric, sequence, system][1]
+        return self._shown[metric, sequence, system].stands
 
     def rounded(self, metric: str, sequence: str, system: str) -> float:
         """Return the value of a cell as it is shown; NaN where it has none."""
-        return self._shown[metric, sequence, system][0]
+        return self._shown[metric, sequence, system].number
+
+    def decimals(self, metric: str, sequence: str, system: str) -> int:
+        """
+        Return to how many decimals a value is shown.
+
+        Those of a metric are the same for all its values: they show the smallest one in three
+        significant digits. A value of repeated runs has no more of them than its standard error
+        supports: the last one is that of the error's first digit.
+        """
+        return self._shown[metric, sequence, system].decimals
 
     @cached_property
-    def _shown(self) -> dict[tuple[str, str, str], tuple[float, bool]]:
-        """Each value as it is shown, and whether it stands; all else asks for them often."""
-        return {
-            (metric, *names): (
-                round(cell.value(metric), self.decimals(metric, *names)),
-                cell.stands(metric),
-            )
-            for metric in self.metrics
-            for names, cell in self.cells.items()
-        }
+    def most_decimals(self) -> dict[str, int]:
+        """The most decimals that any value of a metric is shown with."""
+        most = dict.fromkeys(self.metrics, 0)
+        for (metric, *_), shown in self._shown.items():
+            if not math.isnan(shown.number):
+                most[metric] = max(most[metric], shown.decimals)
+        return most
 
     @cached_property
-    def _decimals(self) -> dict[str, int]:
-        return {metric: self._usual_decimals(metric) for metric in self.metrics}
+    def _shown(self) -> dict[tuple[str, str, str], _Shown]:
+        """Each value as it is shown; all else asks for them often."""
+        found = {}
+        for metric in self.metrics:
+            usual = self._usual_decimals(metric)
+            for names, cell in self.cells.items():
+                error, decimals = cell.standard_error(metric), usual
+                if error > 0:  # neither unknown, nor of runs that are the same
+                    decimals = min(usual, _clipped(-math.floor(math.log10(error))))
+                number = round(cell.value(metric), decimals)
+                found[(metric, *names)] = _Shown(number, decimals, cell.stands(metric))
+        return found
 
     def _usual_decimals(self, metric: str) -> int:
         """Return the decimals that show the smallest value in three significant digits."""
@@ -176,24 +201,6 @@ class Matrix:
         if math.isnan(least):
             return SIGNIFICANT_DIGITS
         return _clipped(SIGNIFICANT_DIGITS - 1 - math.floor(math.log10(least)))
-
-    def decimals(self, metric: str, sequence: str | None = None, system: str = '') -> int:
-        """
-        Return to how many decimals a value is shown.
-
-        Those of the metric are the same for all its values: they show the smallest one in three
-        significant digits. A value of repeated runs has no more of them than its standard error
-        supports: the last one is that of the error's first digit.
-
-        :param sequence: of a cell, with its system; None for the metric.
-        """
-        usual = self._decimals[metric]
-        error = (
-            math.nan if sequence is None else self.cell(sequence, system).standard_error(metric)
-        )
-        if not error > 0:  # unknown, or runs that are the same
-            return usual
-        return min(usual, _clipped(-math.floor(math.log10(error))))
 
     def ranks(self, metric: str, sequence: str) -> dict[str, float]:
         """
@@ -268,21 +275,25 @@ class Matrix:
         known = [rank for rank in ranks if not math.isnan(rank)]
         return float(np.mean(known)) if known else math.nan
 
-    def decimals_of_mean(self, metric: str) -> int:
-        """Return as many decimals as the most certain of the values has that means are made of."""
-        return max(
-            (
-                self.decimals(metric, one, name)
-                for one in self.common(metric)
-                for name in self.systems
-                if self.stands(metric, one, name)
-            ),
-            default=self.decimals(metric),
-        )
+    @cached_property
+    def decimals_of_means(self) -> dict[str, int]:
+        """As many decimals as the most certain of the values has that a mean is made of."""
+        return {
+            metric: max(
+                (
+                    self.decimals(metric, one, name)
+                    for one in self.common(metric)
+                    for name in self.systems
+                    if self.stands(metric, one, name)
+                ),
+                default=SIGNIFICANT_DIGITS,
+            )
+            for metric in self.metrics
+        }
 
     def places_of_means(self, metric: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Return the systems with the best and the second best mean."""
-        sign, decimals = worse_sign(metric), self.decimals_of_mean(metric)
+        sign, decimals = worse_sign(metric), self.decimals_of_means[metric]
         means = {name: round(self.mean(metric, name), decimals) for name in self.systems}
         return _places({name: sign * mean for name, mean in means.items()} if sign else {})
 

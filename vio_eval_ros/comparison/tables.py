@@ -123,13 +123,13 @@ def _shown(matrix: Matrix, metric: str, sequence: str, system: str) -> Shown:
         if any(not run.failure for run in cell.runs):
             return Shown('-')
         return Shown(MISSING if cell.missing else UNSCORED)
-    decimals, usual = matrix.decimals(metric, sequence, system), matrix.decimals(metric)
+    decimals, most = matrix.decimals(metric, sequence, system), matrix.most_decimals[metric]
     mark = PARTLY if any(cell.failures(metric)) else ''
     return Shown(
         f'{value:.{decimals}f}',
         place=_place(system, matrix.best(metric, sequence), matrix.second(metric, sequence)),
         mark=mark if matrix.stands(metric, sequence, system) else FAILED,
-        missing=_missing(decimals, usual),
+        missing=_missing(decimals, most),
     )
 
 
@@ -147,8 +147,8 @@ def _means(matrix: Matrix, metric: str) -> list[Shown]:
     """Return the mean of each system over the common sequences."""
     best, second = matrix.places_of_means(metric)
     means = {name: matrix.mean(metric, name) for name in matrix.systems}
-    decimals = matrix.decimals_of_mean(metric)
-    missing = _missing(decimals, matrix.decimals(metric))
+    decimals = matrix.decimals_of_means[metric]
+    missing = _missing(decimals, matrix.most_decimals[metric])
     return [
         Shown()
         if math.isnan(mean)
@@ -157,9 +157,9 @@ def _means(matrix: Matrix, metric: str) -> list[Shown]:
     ]
 
 
-def _missing(decimals: int, usual: int) -> str:
+def _missing(decimals: int, most: int) -> str:
     """Return what stands in place of the decimals that a value does not have."""
-    return '' if decimals == usual else '.' * (not decimals) + '0' * (usual - decimals)
+    return '' if decimals == most else '.' * (not decimals) + '0' * (most - decimals)
 
 
 def _ranks(matrix: Matrix, metric: str) -> list[Shown]:
