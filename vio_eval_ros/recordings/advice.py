@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import numpy as np
+
 from vio_eval_ros.recordings.columns import Column, LEFT_OUT, POSITION, QUATERNION, ROLES, USUAL
 from vio_eval_ros.recordings.headerless import unit_windows, used_columns
 from vio_eval_ros.recordings.text import TextFile
@@ -11,6 +13,8 @@ from vio_eval_ros.recordings.text import TextFile
 CONVENTION = 't,x,y,z,qx,qy,qz,qw'
 #: names that a message lists, and characters of each that it shows
 MOST_LISTED, LONGEST_SHOWN = 12, 60
+#: by how much the length of a quaternion may differ from one, and in which share of rows more
+UNIT_NORM, MOST_WRONG = 0.01, 0.5
 ANGLES = 't,x,y,z,roll_rad,pitch_rad,yaw_rad'
 
 
@@ -68,3 +72,31 @@ def advice(file: TextFile) -> str:
         f'; say what each column is, such as ?columns={CONVENTION} (roll,pitch,yaw and r11 to '
         'r33 are known, too; _ for a column to leave out)'
     )
+
+
+def why_not_tum(file: TextFile) -> str:
+    """Return why eight columns are no TUM file after all; empty where they are something else."""
+    values = file.rows.values
+    if values.shape[1] != 8 or not len(values):
+        return ''
+    norms = np.linalg.norm(values[:, 4:], axis=1)
+    wrong = np.flatnonzero(~(np.abs(norms - 1) <= UNIT_NORM))
+    if 0 < len(wrong) <= MOST_WRONG * len(values):
+        first = ' '.join(f'{value:g}' for value in values[wrong[0], 1:])
+        return (
+            f'the quaternions in columns 5 to 8 are not of unit length in {len(wrong)} of '
+            f'{len(values)} rows, the first in row {wrong[0] + 1}: {first}; where there is no '
+            'pose, write none'
+        )
+    steps = np.diff(values[:, 0])
+    if not len(wrong) and (steps < 0).any():
+        how = (
+            'fall from the first row to the last'
+            if (steps <= 0).all()
+            else f'go back in {np.count_nonzero(steps < 0)} of {len(steps)} rows'
+        )
+        return (
+            f'the stamps in column 1 {how}; sort the rows by their stamps, or if they are meant '
+            f'so, append ?columns={CONVENTION}'
+        )
+    return ''

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 import re
 
 import numpy as np
 
 from vio_eval_ros.errors import ReadError
-from vio_eval_ros.recordings.advice import advice, listed, shown, statement_of
+from vio_eval_ros.recordings.advice import advice, CONVENTION, listed, shown, statement_of
 from vio_eval_ros.recordings.columns import (
     are_north_east_down,
     Column,
@@ -122,8 +123,12 @@ def without_repeats(file: TextFile, columns: list[Column]) -> list[Column]:
             )
             raise ReadError(
                 file.path,
-                f'columns {both} may both be {column.role}; state which is meant'
-                f'{statement_of(columns, found[column.role])}',
+                f'columns {both} may both be {column.role}; '
+                + (
+                    f'state which is meant{statement_of(columns, found[column.role])}'
+                    if _is_only_repeated(columns, column.role)
+                    else f'say what each column is, such as ?columns={CONVENTION}'
+                ),
             )
         found.setdefault(column.role, place)
     return columns
@@ -190,6 +195,12 @@ def stamp_advice(file: TextFile, columns: Sequence[Column]) -> str:
         return advice(file)
     meant = [Column('t') if k == stamp else column for k, column in enumerate(columns)]
     return f'; if column {stamp + 1} is the stamp{statement_of(meant).replace(":", ",", 1)}'
+
+
+def _is_only_repeated(columns: Sequence[Column], role: str) -> bool:
+    """Return whether a role is the only one that columns have twice, and they have it twice."""
+    counts = Counter(column.role for column in columns if column.role != LEFT_OUT)
+    return [one for one, count in counts.items() if count > 1] == [role] and counts[role] == 2
 
 
 def check_place(file: TextFile, columns: Sequence[Column]) -> None:

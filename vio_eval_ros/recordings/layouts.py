@@ -21,7 +21,7 @@ from vio_eval_ros.core import rotation
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings import px4
-from vio_eval_ros.recordings.advice import advice, listed, numbers, statement_of
+from vio_eval_ros.recordings.advice import advice, listed, numbers, statement_of, why_not_tum
 from vio_eval_ros.recordings.bodies import of_one_body
 from vio_eval_ros.recordings.columns import (
     Column,
@@ -240,7 +240,9 @@ def _known(file: TextFile, is_euroc: bool, notes: list[str]) -> tuple[str, list[
     width = file.rows.values.shape[1]
     if not found:
         raise ReadError(
-            file.path, f'{why_not_matrices(file)}has {width} columns; {EXPECTED}{advice(file)}'
+            file.path,
+            why_not_tum(file)
+            or f'{why_not_matrices(file)}has {width} columns; {EXPECTED}{advice(file)}',
         )
     if len(found) > 1:
         both = ' or '.join(one.statement for one in found)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -10,9 +10,18 @@ import numpy as np
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.interleaving import copies, interleaving
 from vio_eval_ros.core.intervals import nanoseconds
+from vio_eval_ros.core.orientations import finite
+from vio_eval_ros.core.steps import step_lengths
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.sources import Source
+
+#: of one and the same pose between others, and of steps that show what is usual
+FEWEST_PLACEHOLDERS, FEWEST_STEPS = 2, 20
+#: a step that is as long, and so many times the usual one, is a leap; of so many the first
+LEAP_M, LEAP_STEPS, MOST_LEAPS = 0.05, 10.0, 10_000
+#: of which so many places are looked at, the most frequent ones
+MOST_PLACES = 20
 
 
 def of_one_publisher(
@@ -28,15 +37,82 @@ def of_one_publisher(
     if truth.poses.zero_is_unset:
         true_ns = true_ns[true_ns != 0]
     begin_ns = int(true_ns.min()) if len(true_ns) else 0
-    for source, offset_s in ((truth, 0.0), (estimate, config.time_offset_s)):
-        found = interleaving(_within(source.poses, begin_ns - nanoseconds(offset_s), config))
-        if found is not None:
+    whole = []
+    for source, offset_s in ((estimate, config.time_offset_s), (truth, 0.0)):
+        poses = _within(source.poses, begin_ns - nanoseconds(offset_s), config)
+        whole.append(_once(_of_one(source, poses)))
+    return whole[0], whole[1]
+
+
+def _of_one(source: Source, poses: Poses) -> Source:
+    """Return a source whose poses do not take turns, with a sentence on those that are none."""
+    found, lost = interleaving(poses), placeholder(poses)
+    if found is None:
+        if lost is None:
+            return source
+        note = f'{source.spec}: {lost}: placeholders for lost poses? They are scored as they are'
+        return replace(source, warnings=(note, *source.warnings))
+    if lost is not None:
+        others = np.setdiff1d(np.arange(len(poses)), lost.rows)
+        if interleaving(poses[others]) is None:
             raise ReadError(
                 source.spec,
-                f'{found}; name a topic that only one of them publishes, or record each on a '
-                'topic of its own; --start-s and --end-s choose a time without them',
+                f'{lost}: placeholders for lost poses? Leave these out: where there is no pose, '
+                'write none',
             )
-    return _once(estimate), _once(truth)
+    raise ReadError(
+        source.spec,
+        f'{found}; name a topic that only one of them publishes, or record each on a topic of its '
+        'own; --start-s and --end-s choose a time without them',
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Placeholder:
+    """
+    One and the same pose, written wherever there is none.
+
+    :param rows: (N,) of the poses that are it.
+    :param first_ns: the stamp of the first.
+    """
+
+    pose: str
+    rows: np.ndarray
+    first_ns: int
+
+    def __str__(self) -> str:
+        """Return what it is, in words."""
+        return (
+            f'{len(self.rows)} poses are {self.pose}, the first at {self.first_ns / 1e9:.2f} s, '
+            'between poses that are elsewhere'
+        )
+
+
+def placeholder(poses: Poses) -> Placeholder | None:
+    """Return the pose that the stream leaps to, and from which it leaps back; None without one."""
+    rows = np.flatnonzero(finite(poses.positions))
+    rows = rows[np.argsort(poses.stamps_ns[rows], kind='stable')]
+    positions = poses.positions[rows]
+    steps = step_lengths(positions)
+    moving = steps[steps > 0]
+    if len(moving) < FEWEST_STEPS:
+        return None
+    leaps = np.flatnonzero(steps > max(LEAP_M, LEAP_STEPS * float(np.median(moving))))
+    if len(leaps) < 2:  # nearly always
+        return None
+    # where one leap ends and another begins
+    ends, begins = positions[leaps[:MOST_LEAPS] + 1], positions[leaps[:MOST_LEAPS]]
+    places, counts = np.unique(np.concatenate([ends, begins]), axis=0, return_counts=True)
+    for place in places[np.argsort(-counts, kind='stable')[:MOST_PLACES]]:
+        there = (positions == place).all(axis=1)
+        entered, left = (there[1:] & ~there[:-1])[leaps], (there[:-1] & ~there[1:])[leaps]
+        often = FEWEST_PLACEHOLDERS <= np.count_nonzero(there) <= len(there) // 2
+        if often and entered.any() and left.any():
+            found = rows[there]
+            values = [place, *([] if poses.rotations is None else [poses.rotations[found[0]]])]
+            shown = ' '.join(f'{value:g}' for value in np.concatenate(values))
+            return Placeholder(shown, found, int(poses.stamps_ns[found[0]]))
+    return None
 
 
 def _once(source: Source) -> Source:

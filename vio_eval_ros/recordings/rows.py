@@ -275,6 +275,8 @@ def _first_bad_row(block: bytes, width: int) -> BadRow:
         if len(words) != width:
             return BadRow(line, f'{len(words)} columns, but {width} in the lines before')
         for word in words:
+            if b'|' in word:
+                return BadRow(line, 'columns are separated by |; use commas, spaces or tabs')
             if word.count(b'.') > 1:
                 return BadRow(line, f"'{_shown(word)}' has two decimal points")
             try:

@@ -9,6 +9,7 @@ tell, the rule of the layout holds, or the user is asked; what the user states i
 from __future__ import annotations
 
 from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.recordings.agreement.held import with_held_orientations
 from vio_eval_ros.recordings.agreement.lengths import with_units_of_positions
 from vio_eval_ros.recordings.agreement.orders import with_orders
 from vio_eval_ros.recordings.agreement.pairs import Sides
@@ -27,7 +28,8 @@ def settled(estimate: Source, truth: Source, config: EvaluationConfig | None = N
     config = config or EvaluationConfig()
     sides = with_units_of_stamps((estimate, truth), config)
     sides = with_orders(sides, config)
-    return with_units_of_positions(sides, config)
+    sides = with_units_of_positions(sides, config)
+    return with_held_orientations(sides, config)
 
 
 def assumed(estimate: Source, truth: Source) -> tuple[str, ...]:
