@@ -107,8 +107,9 @@ def placeholder(poses: Poses) -> Placeholder | None:
         there = (positions == place).all(axis=1)
         entered, left = (there[1:] & ~there[:-1])[leaps], (there[:-1] & ~there[1:])[leaps]
         often = FEWEST_PLACEHOLDERS <= np.count_nonzero(there) <= len(there) // 2
-        if often and entered.any() and left.any():
-            found = rows[there]
+        found = rows[there]
+        turns = poses.rotations is not None and np.ptp(poses.rotations[found], axis=0).any()
+        if often and entered.any() and left.any() and not turns:
             values = [place, *([] if poses.rotations is None else [poses.rotations[found[0]]])]
             shown = ' '.join(f'{value:g}' for value in np.concatenate(values))
             return Placeholder(shown, found, int(poses.stamps_ns[found[0]]))
