@@ -85,7 +85,7 @@ def test_argparse_still_has_the_private_attribute_that_distinguishes_numbers_fro
         (['replay', DEMO, '--rpe-deltas', '10 meters'], "did you mean '10m'?"),
         (['replay', DEMO, '--rpe-deltas', '100ms'], 'such as 1f, 0.5s or 10m\n'),
         (['replay', DEMO, '--gate', 'ate_trans_rms_m<=1'], "did you mean 'ate_trans_rmse_m'?"),
-        (['replay', '--estimate', 'a', '--estimate', 'b'], '--estimate is given twice'),
+        (['diagnose', '--estimate', 'a', '--estimate', 'b'], '--estimate is given twice'),
         (['diagnose', '--ground-truth', 'a', '--ground-truth', 'b'], 'is given twice'),
     ],
 )
