@@ -3,7 +3,11 @@
 import ast
 from collections.abc import Iterator
 from pathlib import Path
+import subprocess
 import sys
+
+from vio_eval_ros.rendering.tum import tum
+from vio_eval_ros.simulation import simulate
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'vio_eval_ros'
@@ -128,3 +132,20 @@ def test_what_knows_of_ros_and_bags_stays_where_it_belongs():
         if (places := ONLY_IN.get(name.partition('.')[0]))
         and not f'{module.removeprefix(f"{PACKAGE}.")}.'.startswith(places)
     ]
+
+
+def test_whoever_only_evaluates_does_not_wait_for_a_diagnosis(tmp_path):
+    flight = simulate(duration_s=10.0)
+    for name, side in (('est', flight.estimate), ('gt', flight.ground_truth)):
+        (tmp_path / name).write_text(tum(side))
+    code = (
+        'import sys; from vio_eval_ros.__main__ import main\n'
+        "try: main(['replay', '--estimate', 'est', '--ground-truth', 'gt'])\n"
+        'finally: print(*sys.modules, file=sys.stderr)'
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    loaded = done.stderr.split()
+    assert 'vio_eval_ros.diagnosis.hint' in loaded
+    assert not {'vio_eval_ros.diagnosis.report', 'numpy.ma', 'rosbags'}.intersection(loaded)

@@ -26,16 +26,23 @@ def statistics(errors: np.ndarray) -> dict[str, float]:
     mean = float(errors.mean()) if len(errors) else math.nan
     if math.isnan(mean):
         return dict.fromkeys(STATISTICS, math.nan)
-    median, p95 = _quantiles(errors, (0.5, 0.95))
+    middle, p95 = _quantiles(errors, (0.5, 0.95))
     return {
         'rmse': root_mean_square(errors),
         'mean': mean,
-        'median': median,
+        'median': middle,
         'std': root_mean_square(errors - mean),
         'min': float(errors.min()),
         'max': float(errors.max()),
         'p95': p95,
     }
+
+
+def median(values: np.ndarray) -> float:
+    """Return the median of N values, as np.median; NaN where one is NaN or N is 0."""
+    if not len(values) or np.isnan(values).any():
+        return math.nan
+    return _quantiles(values, (0.5,))[0]
 
 
 def _quantiles(errors: np.ndarray, fractions: tuple[float, ...]) -> list[float]:

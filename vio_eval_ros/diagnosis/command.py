@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import fields
 import shlex
+from typing import TYPE_CHECKING
 
 from vio_eval_ros.core.config import EvaluationConfig
-from vio_eval_ros.diagnosis.report import Cause
 from vio_eval_ros.recordings.spec import Spec, STATEMENTS, with_statement
+
+if TYPE_CHECKING:  # whoever only evaluates takes FLAGS_OF from here, and no diagnosis
+    from vio_eval_ros.diagnosis.report import Cause
 
 FLAGS_OF = {'estimate': '--estimate', 'ground_truth': '--ground-truth'}
 

@@ -56,11 +56,11 @@ from vio_eval_ros.recordings.headers import (
 from vio_eval_ros.recordings.messages import covariance_blocks
 from vio_eval_ros.recordings.motion_capture import poses_of_export
 from vio_eval_ros.recordings.rotation_columns import take
+from vio_eval_ros.recordings.spec import LENGTH_UNITS
 from vio_eval_ros.recordings.stamp_columns import read_stamps
 from vio_eval_ros.recordings.text import read_text, TextFile
 from vio_eval_ros.recordings.turns import turns_of
 
-METRES = {'m': 1.0, 'cm': 0.01, 'mm': 0.001, 'km': 1000.0}
 #: columns behind a pose in which another position has room
 LEFT_OUT_NOTED = 3
 EXPECTED = 'a trajectory has 8: stamp x y z qx qy qz qw'
@@ -376,7 +376,7 @@ def _metres(
 ) -> np.ndarray:
     """Return how many metres the units of three columns have; 1 where a unit is stated."""
     units = [layout.columns[k].unit or 'm' for k in place]
-    unknown = next((unit for unit in units if unit not in METRES), None)
+    unknown = next((unit for unit in units if unit not in LENGTH_UNITS), None)
     if 'unit' in statements or unknown == '-':
         return np.ones(3)
     if unknown is not None:
@@ -385,7 +385,7 @@ def _metres(
             f"its header has positions in '{unknown}', which is not known (m, cm, mm, km); "
             'append ?unit=m if they are in metres',
         )
-    return np.array([METRES[unit] for unit in units])
+    return np.array([LENGTH_UNITS[unit] for unit in units])
 
 
 def _covariances(

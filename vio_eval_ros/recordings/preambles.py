@@ -13,9 +13,11 @@ import re
 from typing import NamedTuple
 
 from vio_eval_ros.errors import ReadError
+from vio_eval_ros.recordings.spec import LENGTH_UNITS
 
-METRES = {'m': 1.0, 'meters': 1.0, 'cm': 0.01, 'centimeters': 0.01, 'mm': 0.001}
-METRES |= {'millimeters': 0.001, 'inches': 0.0254, 'feet': 0.3048}
+#: of the units as exports spell them
+METRES = LENGTH_UNITS | {'meters': 1.0, 'centimeters': 0.01, 'millimeters': 0.001}
+METRES |= {'inches': 0.0254, 'feet': 0.3048}
 SEPARATOR = re.compile(rb'[,;\t]')
 TIMECODE = re.compile(rb'\b\d\d:\d\d:\d\d:\d\d(?:\.\d+)?')
 LONGEST_PREAMBLE = 100  # lines

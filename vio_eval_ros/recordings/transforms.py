@@ -46,7 +46,7 @@ def as_transforms(message: Any) -> Any:
 Edge = tuple[str, str]  # parent and child frame
 Link = tuple[Edge, bool]  # an edge of a chain, and whether it is passed forward
 #: what changes by no more, in metres and in numbers of its unit quaternion, is constant
-CONSTANT = 1e-6
+UNMOVED = 1e-6
 #: a transform that moves and is known less often than this is said to be interpolated [s]
 LONG_GAP_S = 2.0
 #: of more frames, a message has only the first
@@ -363,7 +363,7 @@ def _differ(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     moved = np.abs(one[:, :3] - other[:, :3]).max(axis=1)
     turned = np.abs(one[:, 3:] - other[:, 3:]).max(axis=1)
     turned_back = np.abs(one[:, 3:] + other[:, 3:]).max(axis=1)
-    return np.asarray(np.maximum(moved, np.minimum(turned, turned_back)) > CONSTANT)
+    return np.asarray(np.maximum(moved, np.minimum(turned, turned_back)) > UNMOVED)
 
 
 def _refuse_mixed(source: str, sent: Mapping[Edge, Poses]) -> None:

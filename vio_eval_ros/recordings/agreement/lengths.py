@@ -7,6 +7,7 @@ import numpy as np
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.alignment import SCALED_MODES
 from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.statistics import median
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.agreement.pairs import Matched, matched, NAMES, noted, Sides
 from vio_eval_ros.recordings.spec import LENGTH_UNITS, Spec, with_statement
@@ -37,7 +38,7 @@ def _with_speed_said(sides: Sides, matched: Matched) -> Sides:
         seconds = np.diff(side.stamps_ns[rows]) / 1e9
         moved = rotation.lengths(np.diff(side.positions[rows], axis=0))
         later = seconds > 0
-        speeds.append(float(np.median(moved[later] / seconds[later])) if later.any() else 0.0)
+        speeds.append(median(moved[later] / seconds[later]) if later.any() else 0.0)
     if min(speeds) < FASTEST_M_S or any(
         'unit' in Spec.parse(one.spec).statements for one in sides
     ):
