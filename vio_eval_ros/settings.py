@@ -7,6 +7,7 @@ from dataclasses import fields
 from functools import partial
 import math
 from pathlib import Path
+import re
 from typing import Any
 import warnings
 
@@ -18,6 +19,8 @@ from vio_eval_ros.errors import ConfigError, ReadError
 MAX_YAML_BYTES = 1 << 20
 #: the verbs that judge by limits
 LIMITED = ('diagnose', 'inspect', 'imu_noise')
+#: what stands for names in the paths of a suite
+BRACES = re.compile(r'\{(?:sequence|system)\}')
 PLAIN_TAGS = ('tag:yaml.org,2002:map', 'tag:yaml.org,2002:seq')
 
 
@@ -176,7 +179,10 @@ def parse_yaml(text: str, file: Path, place: str = '') -> Any:
             node = yaml.compose(text)
             return None if node is None else content(node, place or 'line 1')
     except (YAMLError, RecursionError, ValueError) as error:
-        raise ReadError(file, f'not valid YAML: {" ".join(str(error).split())}') from None
+        told = ' '.join(str(error).split())
+        if BRACES.search(text):
+            told += ": put text that begins with a brace, or has one within {...}, in 'quotes'"
+        raise ReadError(file, f'not valid YAML: {told}') from None
 
 
 def finite(value: Any) -> float:
