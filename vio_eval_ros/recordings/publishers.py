@@ -11,6 +11,7 @@ from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.interleaving import copies, interleaving
 from vio_eval_ros.core.intervals import nanoseconds
 from vio_eval_ros.core.orientations import finite
+from vio_eval_ros.core.statistics import median
 from vio_eval_ros.core.steps import step_lengths
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ReadError
@@ -97,7 +98,7 @@ def placeholder(poses: Poses) -> Placeholder | None:
     moving = steps[steps > 0]
     if len(moving) < FEWEST_STEPS:
         return None
-    leaps = np.flatnonzero(steps > max(LEAP_M, LEAP_STEPS * float(np.median(moving))))
+    leaps = np.flatnonzero(steps > max(LEAP_M, LEAP_STEPS * median(moving)))
     if len(leaps) < 2:  # nearly always
         return None
     # where one leap ends and another begins
