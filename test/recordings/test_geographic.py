@@ -81,10 +81,12 @@ def test_without_the_library_the_error_says_what_to_install(monkeypatch: pytest.
 def test_columns_in_degrees_or_radians_are_projected_and_it_is_said():
     notes: list[str] = []
     places = MUNICH + np.arange(5)[:, None] * [1e-5, 0, 0]
-    degrees = of_columns(Path('gt.csv'), places, 'deg', notes)
+    degrees, _ = of_columns(Path('gt.csv'), places, 'deg', notes)
     assert notes[0].startswith('gt.csv: latitude and longitude are projected into metres east')
     radians = np.hstack([np.radians(places[:, :2]), places[:, 2:]])
-    np.testing.assert_allclose(of_columns(Path('gt.csv'), radians, 'rad', []), degrees, atol=1e-6)
+    np.testing.assert_allclose(
+        of_columns(Path('gt.csv'), radians, 'rad', [])[0], degrees, atol=1e-6
+    )
     np.testing.assert_array_equal(of_columns(Path('gt.csv'), places, None, []), degrees)
     with pytest.raises(ReadError, match=r"may be radians; .* 'latitude \[deg\]'"):
         of_columns(Path('gt.csv'), radians, None, [])
@@ -95,7 +97,7 @@ def test_columns_in_degrees_or_radians_are_projected_and_it_is_said():
 def test_rows_without_a_fix_are_counted():
     places = np.vstack([np.zeros((2, 3)), np.tile(MUNICH, (3, 1))])
     notes: list[str] = []
-    positions = of_columns(Path('gt.csv'), places, None, notes)
+    positions, _ = of_columns(Path('gt.csv'), places, None, notes)
     assert np.isnan(positions[:2]).all()
     assert '2 of 5 rows have no fix' in notes[1]
 

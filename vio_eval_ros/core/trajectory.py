@@ -56,6 +56,8 @@ class Poses:
         has none.
     :param zero_is_unset: whether a stamp of 0 says that there was none, as in messages published
         before ``/clock``.
+    :param origin: of a world that is metres east, north and up: its latitude and longitude [deg]
+        and height [m]; None for any other world.
     """
 
     stamps_ns: np.ndarray
@@ -63,6 +65,7 @@ class Poses:
     rotations: np.ndarray | None = None
     covariances: np.ndarray | None = None
     zero_is_unset: bool = False
+    origin: tuple[float, float, float] | None = None
 
     def __len__(self) -> int:
         """Return the number of poses."""
@@ -74,7 +77,7 @@ class Poses:
         selected: dict[str, Any] = {
             name: None if column is None else column[index] for name, column in columns.items()
         }
-        return type(self)(**selected, zero_is_unset=self.zero_is_unset)
+        return type(self)(**selected, zero_is_unset=self.zero_is_unset, origin=self.origin)
 
     @classmethod
     def concatenate(cls: type[Columns], parts: Sequence[Columns]) -> Columns:
@@ -95,6 +98,7 @@ class Poses:
             None if any(column is None for column in rotations) else np.concatenate(rotations),
             np.concatenate([part.covariances_or_nan() for part in parts]) if known else None,
             any(part.zero_is_unset for part in parts),
+            parts[0].origin,
         )
 
     def covariances_or_nan(self) -> np.ndarray:

@@ -9,6 +9,8 @@ import numpy as np
 
 from vio_eval_ros.errors import ConfigError, ReadError
 
+#: latitude [deg], longitude [deg], height above the ellipsoid [m]
+Origin = tuple[float, float, float]
 #: the largest latitude and longitude [deg]; some count longitude to 360
 LARGEST_DEG = (90.0, 360.0)
 LARGEST_RAD = (np.pi / 2, np.pi)
@@ -83,6 +85,14 @@ class Projection:
         self._nowhere += int(np.count_nonzero(~np.isfinite(positions).all(axis=1)))
         return np.hstack([positions, numbers[:, 3:]])
 
+    @property
+    def origin(self) -> Origin | None:
+        """What the positions are relative to; None before the first place."""
+        if self._origin is None:
+            return None
+        latitude, longitude, height = self._origin.tolist()
+        return latitude, longitude, height
+
     def notes(self) -> list[str]:
         """Return what has been done, in sentences."""
         found = [] if self._origin is None else [projected(self._origin)]
@@ -94,9 +104,11 @@ class Projection:
         return found
 
 
-def of_columns(path: Path, geodetic: np.ndarray, unit: str | None, notes: list[str]) -> np.ndarray:
+def of_columns(
+    path: Path, geodetic: np.ndarray, unit: str | None, notes: list[str]
+) -> tuple[np.ndarray, Origin | None]:
     """
-    Return (N, 3) metres east, north and up of the columns of a text file.
+    Return (N, 3) metres east, north and up of the columns of a text file, and their origin.
 
     :param geodetic: (N, 3) latitude, longitude, height [m].
     :param unit: of latitude and longitude, 'deg' or 'rad'; None where the file does not say it.
@@ -122,7 +134,21 @@ def of_columns(path: Path, geodetic: np.ndarray, unit: str | None, notes: list[s
     projection = Projection('rows')
     positions = projection(geodetic)
     notes += (f'{path}: {note}' for note in projection.notes())
-    return positions
+    return positions, projection.origin
+
+
+def between_origins(origin: Origin, other: Origin) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return what takes metres east, north and up of one origin to those of another.
+
+    Both are planes that touch the ellipsoid, so that it is a rotation and a translation.
+
+    :return: the (3, 3) rotation, and the (3,) translation [m].
+    """
+    from pymap3d import enu2uvw, geodetic2enu, uvw2enu
+
+    axes = [uvw2enu(*enu2uvw(*axis, *origin[:2]), *other[:2]) for axis in np.eye(3)]
+    return np.array(axes, float).T, np.array(geodetic2enu(*origin, *other), float)
 
 
 def look_like_degrees(positions: np.ndarray) -> bool:

@@ -45,7 +45,7 @@ from vio_eval_ros.recordings.columns import (
     stated_columns,
     STATEMENT,
 )
-from vio_eval_ros.recordings.geographic import look_like_degrees, of_columns
+from vio_eval_ros.recordings.geographic import look_like_degrees, of_columns, Origin
 from vio_eval_ros.recordings.headerless import known_layouts, TUM_NAME, why_not_matrices
 from vio_eval_ros.recordings.headers import (
     check_place,
@@ -109,7 +109,7 @@ def poses_of(
     file = of_one_body(file, layout, statements)
     stamps_ns = _stamps(file, layout, times, statements, notes)
     values = file.rows.values
-    positions = _positions(file, layout, statements, notes)
+    positions, origin = _positions(file, layout, statements, notes)
     own = [k for k, column in enumerate(layout.columns) if column.role in STAMPS]
     positions[~np.isfinite(values[:, own]).all(axis=1)] = np.nan  # to be dropped, and counted
     turns = turns_of(file, layout, statements, notes)
@@ -117,7 +117,7 @@ def poses_of(
     readings = [
         Reading(
             turn.statement,
-            Poses(stamps_ns, positions, turn.rotations, covariances),
+            Poses(stamps_ns, positions, turn.rotations, covariances, origin=origin),
             usual=turn.usual or (turn is turns[0] and _has_rule(file, layout)),
             order=turn.order,
         )
@@ -348,8 +348,8 @@ def _beside(times: Path, notes: list[str]) -> tuple[np.ndarray, np.ndarray]:
 
 def _positions(
     file: TextFile, layout: Layout, statements: dict[str, str], notes: list[str]
-) -> np.ndarray:
-    """Return (N, 3) positions in metres, or in the unit that is stated."""
+) -> tuple[np.ndarray, Origin | None]:
+    """Return (N, 3) positions in metres, or in the unit that is stated, and their origin."""
     values = file.rows.values
     place = layout.places(POSITION)
     if place is None:
@@ -368,7 +368,7 @@ def _positions(
             f'columns {numbers(place)} look like latitude, longitude (in degrees) and altitude'
             f'{statement_of(columns)} (or lon,lat), or ?unit=m if they are metres',
         )
-    return positions * _metres(file, layout, place, statements)
+    return positions * _metres(file, layout, place, statements), None
 
 
 def _metres(

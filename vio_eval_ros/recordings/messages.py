@@ -18,7 +18,7 @@ import numpy as np
 from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings import px4
-from vio_eval_ros.recordings.geographic import Projection
+from vio_eval_ros.recordings.geographic import Origin, Projection
 
 PATH = 'nav_msgs/msg/Path'
 NO_FIX = -1  # the status of a NavSatFix and of a GPSFix
@@ -38,6 +38,10 @@ class Adjustment(Protocol):
 
     def notes(self) -> list[str]:
         """Return what has been done, in sentences."""
+
+    @property
+    def origin(self) -> Origin | None:
+        """Latitude, longitude [deg] and height [m] of what the poses are relative to, if any."""
 
 
 @dataclass(frozen=True)

@@ -64,6 +64,8 @@ def global_position_numbers(message: Any) -> tuple[float, ...]:
 class Upright:
     """Turns numbers whose last column is the frame of the world, so that z points up."""
 
+    origin = None
+
     def __init__(self) -> None:
         self._frames: set[int] = set()
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from array import array
+from dataclasses import replace
 from itertools import islice
 import math
 from typing import Any, NamedTuple
@@ -118,9 +119,10 @@ class PoseColumns:
             stamps = np.array(self._logged, np.int64)
             notes.append(by_recording(self._decoder.source))
         from_boot = self._converter.from_boot and int(stamps[-1]) < EPOCH_NS < self._last_log_ns
-        return TopicPoses(
-            messages.poses(stamps, numbers), warnings=tuple(notes), from_boot=from_boot
-        )
+        poses = messages.poses(stamps, numbers)
+        if self._adjust:
+            poses = replace(poses, origin=self._adjust.origin)
+        return TopicPoses(poses, warnings=tuple(notes), from_boot=from_boot)
 
     def _decode(self, block: list[bytes]) -> None:
         self._columns.append(self._decoder.columns(block))

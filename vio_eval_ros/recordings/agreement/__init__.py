@@ -12,6 +12,7 @@ from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.recordings.agreement.held import with_held_orientations
 from vio_eval_ros.recordings.agreement.lengths import with_units_of_positions
 from vio_eval_ros.recordings.agreement.orders import with_orders
+from vio_eval_ros.recordings.agreement.origins import with_one_origin
 from vio_eval_ros.recordings.agreement.pairs import Sides
 from vio_eval_ros.recordings.agreement.stamps import with_units_of_stamps
 from vio_eval_ros.recordings.sources import Source
@@ -29,7 +30,7 @@ def settled(estimate: Source, truth: Source, config: EvaluationConfig | None = N
     sides = with_units_of_stamps((estimate, truth), config)
     sides = with_orders(sides, config)
     sides = with_units_of_positions(sides, config)
-    return with_held_orientations(sides, config)
+    return with_one_origin(with_held_orientations(sides, config))
 
 
 def assumed(estimate: Source, truth: Source) -> tuple[str, ...]:
