@@ -87,7 +87,7 @@ def test_columns_in_degrees_or_radians_are_projected_and_it_is_said():
     np.testing.assert_allclose(
         of_columns(Path('gt.csv'), radians, 'rad', [])[0], degrees, atol=1e-6
     )
-    np.testing.assert_array_equal(of_columns(Path('gt.csv'), places, None, []), degrees)
+    np.testing.assert_array_equal(of_columns(Path('gt.csv'), places, None, [])[0], degrees)
     with pytest.raises(ReadError, match=r"may be radians; .* 'latitude \[deg\]'"):
         of_columns(Path('gt.csv'), radians, None, [])
     with pytest.raises(ReadError, match='no row has a latitude and longitude in degrees'):
