@@ -93,7 +93,8 @@ def named_estimates(arguments: argparse.Namespace) -> dict[str, str]:
     found: dict[str, str] = {}
     for text in arguments.estimate:
         name, equals, spec = text.partition('=')
-        if not equals or not re.fullmatch(SYSTEM_NAME, name) or exists(Path(text)):
+        is_file = exists(Path(text)) or exists(Path(text.partition('?')[0]))
+        if not equals or not re.fullmatch(SYSTEM_NAME, name) or is_file:
             name, spec = '', text
         path, topic, _ = Spec.parse(spec, beside_recording=arguments.recording is not None)
         name = name or topic or (path or Path(spec)).stem
