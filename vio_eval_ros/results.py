@@ -13,6 +13,7 @@ import math
 from typing import Any, TYPE_CHECKING
 
 from vio_eval_ros.comparison.comparison import Comparison as FoundComparison
+from vio_eval_ros.comparison.sentences import html_verdicts, text_verdicts
 from vio_eval_ros.comparison.tables import html_tables, text_tables
 from vio_eval_ros.core.statistics import STATISTICS
 from vio_eval_ros.diagnosis.documents import diagnosis_text
@@ -156,7 +157,7 @@ class Comparison(FoundComparison):
 
     def __str__(self) -> str:
         """Return the table, as the command line prints it."""
-        return text_tables(self.matrix).rstrip('\n')
+        return (text_tables(self.matrix) + text_verdicts(self.matrix)).rstrip('\n')
 
     def __repr__(self) -> str:
         """Return the systems in a line."""
@@ -165,7 +166,7 @@ class Comparison(FoundComparison):
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the table."""
-        return html_tables(self.matrix)
+        return joined([html_tables(self.matrix), html_verdicts(self.matrix)])
 
 
 def _face(result: RunResult) -> Result:

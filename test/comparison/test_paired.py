@@ -111,6 +111,9 @@ def test_equal_and_degenerate_errors_are_no_difference():
     for count in (1, 2, 30):
         few = compare_errors(errors[:count], 2 * errors[:count])
         assert math.isnan(few.p_value)
+    multiple = compare_errors(errors, 1.5 * errors)
+    assert multiple.ratio_interval == pytest.approx((1 / 1.5, 1 / 1.5))
+    assert multiple.interval[1] < 0
     constant = compare_errors(np.full(500, 0.1), np.full(500, 0.2))
     assert math.isnan(constant.p_value)
     nothing = compare_errors(np.zeros(500), errors)
@@ -145,9 +148,14 @@ def test_autocovariances_and_blocks_are_those_of_their_definitions():
 
 
 def test_errors_are_paired_by_stamps_of_the_truth():
-    one, other = np.array([0, 10, 20, 30, 40]), np.array([1, 20, 22, 29, 300])
-    assert [list(index) for index in shared(one, other, 0)] == [[2], [1]]
-    assert [list(index) for index in shared(one, other, 5)] == [[0, 2, 3], [0, 1, 3]]
+    one, other = np.array([0, 10, 20, 30, 40]), np.array([1, 20, 22, 29, 38, 300])
+    assert [list(index) for index in shared(one, other, 0)] == [[0, 2, 3, 4], [0, 1, 3, 4]]
+    assert [list(index) for index in shared(other, one, 0)] == [[0, 1, 3, 4], [0, 2, 3, 4]]
+    assert [len(index) for index in shared(one, one + 1000, 0)] == [0, 0]
+    # two that take every other frame in turn, and one that takes all
+    frames = 50 * np.arange(20)
+    for halves in (shared(frames[::2], frames[1::2], 20), shared(frames[1::2], frames, 20)):
+        assert len(halves[0]) == len(halves[1]) >= 9
 
 
 @pytest.fixture(scope='module')

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Any
 
 from vio_eval_ros.comparison.matrix import CellRun, Matrix
+from vio_eval_ros.comparison.verdicts import differences
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.gates import Gate
 from vio_eval_ros.core.statistics import without_nan
@@ -42,7 +43,7 @@ class Comparison:
         """Why a system could not be scored, by its name."""
         return {name: run.failure for name, run in self.runs.items() if run.result is None}
 
-    @property
+    @cached_property
     def matrix(self) -> Matrix:
         """The values of the chosen metrics."""
         return Matrix.of_runs(self.runs, self.chosen)
@@ -69,6 +70,7 @@ class Comparison:
                 for name, run in self.runs.items()
             ],
             'matrix': self.matrix.to_dict(),
+            'differences': [one.to_dict() for one in differences(self.matrix)],
             'verdict': {True: 'pass', False: 'fail', None: None}[self.passed],
         }
         return {name: without_nan(value) for name, value in result.items()}

@@ -1,7 +1,9 @@
-"""Which way a metric is worse, by its name."""
+"""Which way a metric is worse, and its unit, by its name."""
 
 from __future__ import annotations
 
+#: units of metrics, by the ends of their names; the longer before the shorter
+UNITS = {'_deg_per_m': 'deg/m', '_percent': '%', '_deg': 'deg', '_m': 'm', '_s': 's'}
 HIGHER_IS_BETTER = ('coverage_ratio', 'tracked_ratio', 'matched_ratio', 'success_rate')
 LOWER_IS_BETTER = (
     '_m',
@@ -21,3 +23,8 @@ def worse_sign(metric: str) -> int:
     if metric in HIGHER_IS_BETTER:
         return -1
     return int(metric.endswith(LOWER_IS_BETTER) and metric not in NEITHER)
+
+
+def unit_of(metric: str) -> str:
+    """Return the unit of a metric; empty where it has none."""
+    return next((unit for end, unit in UNITS.items() if metric.endswith(end)), '')

@@ -28,6 +28,8 @@ CONFIDENCE = 0.95
 #: a run with fewer independent pieces does not tell: the interval would be too narrow
 LEAST_PIECES = 50
 LEAST_BLOCKS = 8
+#: standard errors that an interval reaches to; beyond that it is nonsense
+MOST_ERRORS = 50.0
 #: errors are averaged into as many pieces of time before anything else: bounds time and memory
 MOST_CELLS = 4096
 #: more do not make the interval better
@@ -64,13 +66,12 @@ def compare_runs(one: Result, other: Result, metric: str) -> PairedDifference | 
     Return how two runs differ in a metric, each under its own alignment.
 
     :param metric: the rmse or mean of an absolute or relative error.
-    :returns: None for another metric, or where one of the runs has none.
+    :returns: None for another metric, or where the runs have no time in common.
     """
     found, against = errors_over_time(one, metric), errors_over_time(other, metric)
     if found is None or against is None:
         return None
-    tolerance_ns = nanoseconds(one.config.max_difference_s)
-    i, j = shared(found[0], against[0], tolerance_ns)
+    i, j = shared(found[0], against[0], nanoseconds(one.config.max_difference_s))
     if not len(i):
         return None
     return compare_errors(found[1][i], against[1][j], rooted='_rmse_' in metric)
@@ -103,11 +104,21 @@ def errors_over_time(result: Result, metric: str) -> tuple[np.ndarray, np.ndarra
 def shared(
     stamps: np.ndarray, others: np.ndarray, tolerance_ns: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the indices of stamps that are each other's nearest within a tolerance."""
+    """
+    Return the indices of the shorter series and those nearest to them of the other, each once.
+
+    :param tolerance_ns: by which they may differ, or by half an interval of the sparser ones if
+        that is more: systems that give every other frame need not choose the same ones.
+    """
+    if len(stamps) > len(others):
+        j, i = shared(others, stamps, tolerance_ns)
+        return i, j
+    intervals = [float(np.median(np.diff(each))) for each in (stamps, others) if len(each) > 1]
     partner = nearest(stamps, others)
-    near = np.flatnonzero(np.abs(stamps - others[partner]) <= tolerance_ns)
-    mutual = near[nearest(others[partner[near]], stamps) == near]
-    return mutual, partner[mutual]
+    apart = np.abs(stamps - others[partner])
+    near = np.flatnonzero(apart <= max(tolerance_ns, max(intervals, default=0.0) / 2))
+    j, first = np.unique(partner[near], return_index=True)
+    return near[first], j
 
 
 def compare_errors(one: np.ndarray, other: np.ndarray, rooted: bool = True) -> PairedDifference:
@@ -134,24 +145,26 @@ def compare_errors(one: np.ndarray, other: np.ndarray, rooted: bool = True) -> P
         pieces = share * cells.shape[1]
         enough = pieces >= LEAST_PIECES and cells.shape[1] // length >= LEAST_BLOCKS
         # blocks without any error could make a ratio infinite
-        if enough and _block_means(cells, length).min() > 0:
-            (interval, ratios), p_value = _studentised(cells, length, rooted)
-            ratios = math.exp(ratios[0]), math.exp(ratios[1])
+        usable = enough and _block_means(cells, length).min() > 0
+        if usable and (found := _studentised(cells, length, rooted)):
+            (interval, ratios), p_value = found
+            ratios = math.exp(min(ratios[0], 700)), math.exp(min(ratios[1], 700))
             return PairedDifference(len(one), pieces, difference, interval, ratio, ratios, p_value)
     return PairedDifference(len(one), pieces, difference, unknown, ratio, unknown, math.nan)
 
 
 def _studentised(
     cells: np.ndarray, length: int, rooted: bool
-) -> tuple[list[tuple[float, float]], float]:
+) -> tuple[list[tuple[float, float]], float] | None:
     """
     Return the intervals of the difference and of the logarithm of the ratio, and their p-value.
 
-    The p-value is the larger of the two, so that what is significant is so in both.
+    The p-value is the larger of the two, so that what is significant is so in both. None where the
+    errors are so rarely anything at all that resampling them says nothing.
     """
     means = cells.mean(axis=1)
     drawn, spread = _resampled(cells, length)
-    intervals, p_values = [], []
+    intervals, p_values = [], [0.0]
     for value, slope, values, slopes in zip(
         _statistic(means, rooted),
         _slopes(means, rooted),
@@ -160,13 +173,30 @@ def _studentised(
         strict=True,
     ):
         error = _standard_error(slope @ (cells - means[:, None]), length)
-        errors = np.sqrt(np.einsum('ir,ijr,jr->r', slopes, spread, slopes))
-        studentised = (values - value) / errors
+        if error <= 1e-9 * abs(value):  # as of a ratio, where errors are multiples of each other
+            intervals.append((float(value), float(value)))
+            continue
+        variances = np.einsum('ir,ijr,jr->r', slopes, spread, slopes)
+        studentised = (values - value) / np.sqrt(np.maximum(variances, (1e-6 * error) ** 2))
         low, high = np.quantile(studentised, [(1 + CONFIDENCE) / 2, (1 - CONFIDENCE) / 2])
+        if max(low, -high) > MOST_ERRORS:
+            return None
         intervals.append((float(value - low * error), float(value - high * error)))
-        tail = min(np.sum(studentised >= value / error), np.sum(studentised <= value / error))
-        p_values.append(min(1.0, 2 * (1 + int(tail)) / (RESAMPLES + 1)))
+        side = math.copysign(1.0, value)
+        p_values.append(min(1.0, 2 * _tail(side * studentised, abs(float(value)) / error)))
     return intervals, max(p_values)
+
+
+def _tail(drawn: np.ndarray, value: float) -> float:
+    """
+    Return how rarely a value is reached, beyond what was drawn as by an exponential tail.
+
+    Such a tail is longer than that of any mean. It matters where many comparisons are made.
+    """
+    start, further = map(float, np.quantile(drawn, [0.99, 0.999]))
+    if value <= further or further <= start:
+        return (1 + float(np.sum(drawn >= value))) / (len(drawn) + 1)
+    return 0.001 * math.exp(-math.log(10) * (value - further) / (further - start))
 
 
 def _averaged(losses: np.ndarray) -> np.ndarray:

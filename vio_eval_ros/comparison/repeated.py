@@ -281,3 +281,19 @@ def _interval(old: Sequence[float], new: Sequence[float]) -> tuple[float, float]
     beyond = (1 - CONFIDENCE) / 2
     low, high = np.quantile(one - other, [beyond, 1 - beyond])
     return float(low), float(high)
+
+
+def differ(one: Sequence[float], other: Sequence[float]) -> tuple[float, tuple[float, float]]:
+    """
+    Return the two-sided p-value of the same test, and the interval of the difference of medians.
+
+    :param one: may have infinite values, of runs that failed; the interval is NaN then.
+    :returns: NaN for what so few runs do not tell.
+    """
+    unknown = math.nan, math.nan
+    if not (np.isfinite(one).any() and np.isfinite(other).any()):
+        return math.nan, unknown
+    enough = 2 * _least_p_value(len(one), len(other)) <= DEFAULT_P
+    p_value = 2 * min(_p_value(sign, other, one) for sign in (1, -1)) if enough else math.nan
+    finite = np.isfinite([*one, *other]).all() and min(len(one), len(other)) > 1
+    return min(p_value, 1.0), _interval(other, one) if finite else unknown

@@ -8,12 +8,11 @@ import math
 import re
 from typing import NamedTuple
 
+from vio_eval_ros.comparison.direction import UNITS
 from vio_eval_ros.comparison.matrix import Matrix
 from vio_eval_ros.rendering.page import Html, joined, table, tag
 from vio_eval_ros.rendering.text import escaped, printable
 
-#: units of metrics, by the ends of their names; the longer before the shorter
-UNITS = {'_deg_per_m': 'deg/m', '_percent': '%', '_deg': 'deg', '_m': 'm', '_s': 's'}
 #: parts of the names of metrics that the unit, or the custom of the field, tells already
 UNSAID = ('trans', 'rot', 'rmse')
 WRITTEN = {

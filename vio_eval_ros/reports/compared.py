@@ -7,6 +7,7 @@ import json
 
 from vio_eval_ros.comparison.comparison import Comparison
 from vio_eval_ros.comparison.matrix import CellRun
+from vio_eval_ros.comparison.sentences import html_verdicts, markdown_verdicts, text_verdicts
 from vio_eval_ros.comparison.tables import (
     csv_table,
     html_tables,
@@ -38,6 +39,7 @@ def comparison_text(found: Comparison) -> str:
         f'alignment     {first.config.alignment}',
         '',
         *text_tables(found.matrix).splitlines(),
+        *text_verdicts(found.matrix).splitlines(),
         *(f'warning: {text}' for text in cautions(found)),
     ]
     verdicts = [
@@ -73,7 +75,7 @@ def comparison_markdown(found: Comparison) -> str:
     lines = [
         f'Against {escaped(first.ground_truth.source)}, alignment {first.config.alignment}.',
         '',
-        markdown_tables(found.matrix),
+        markdown_tables(found.matrix) + markdown_verdicts(found.matrix),
         *(
             f'- **FAIL** {escaped(name)}: `{verdict.gate}` (is {number(verdict.value)})'
             for name, result in found.results.items()
@@ -102,6 +104,7 @@ def comparison_html(found: Comparison) -> str:
             badge(word, word or 'no gates'),
         ),
         html_tables(found.matrix),
+        html_verdicts(found.matrix),
         warnings(cautions(found)),
         tag('h2', 'Each system'),
         *(_system(name, result) for name, result in found.results.items()),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import math
 
+from vio_eval_ros.comparison.sentences import markdown_verdicts, text_verdicts
 from vio_eval_ros.comparison.tables import (
     csv_table,
     latex_tables,
@@ -49,7 +50,9 @@ def suite_json(result: SuiteResult) -> str:
 
 def suite_text(result: SuiteResult) -> str:
     """Return the table of sequences, worst first, and the problems of each."""
-    table = text_tables(result.matrix()) if result.has_systems else _rows(result)
+    matrix = result.matrix()
+    of_systems = result.has_systems
+    table = text_tables(matrix) + text_verdicts(matrix) if of_systems else _rows(result)
     lines = [*table.splitlines(), '']
     lines += [
         f'{name}: {"warning: " if is_caution else ""}{text}'
@@ -73,6 +76,7 @@ def suite_markdown(result: SuiteResult) -> str:
     lines = [f'### vio_eval_ros: {verdict}', '']
     if result.has_systems:
         lines += markdown_tables(result.matrix()).splitlines()
+        lines += markdown_verdicts(result.matrix()).splitlines()
     else:
         lines += ['| ' + ' | '.join(COLUMNS) + ' |']
         lines.append('|---|' + '---:|' * (len(COLUMNS) - 3) + '---|---|')

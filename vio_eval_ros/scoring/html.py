@@ -7,6 +7,7 @@ from itertools import compress
 import math
 
 from vio_eval_ros.comparison.repeated import MetricComparison
+from vio_eval_ros.comparison.sentences import html_verdicts
 from vio_eval_ros.comparison.tables import html_tables
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.rendering.figures import AMBER, BLUE, GREY, RED
@@ -57,6 +58,7 @@ def suite_html(result: SuiteResult) -> str:
         tiles(_headlines(result)),
         warnings(result.notes),
         html_tables(result.matrix()) if result.has_systems else '',
+        html_verdicts(result.matrix()) if result.has_systems else '',
         tag('h2', 'Position error (ATE) of every run'),
         tag('p', *_legend(result), class_='soft'),
         plot(

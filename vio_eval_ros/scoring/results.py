@@ -11,6 +11,7 @@ from typing import Any
 from vio_eval_ros.comparison.family import adjusted
 from vio_eval_ros.comparison.matrix import Cell, CellRun, default_metrics, Matrix
 from vio_eval_ros.comparison.repeated import compare, Distribution, MetricComparison, Rule
+from vio_eval_ros.comparison.verdicts import differences
 from vio_eval_ros.core.gates import judge, Verdict
 from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.evaluation.result import Result
@@ -217,12 +218,12 @@ class SuiteResult:
         """Whether systems are compared."""
         return any(one.sequence.system for one in self.sequences)
 
-    def matrix(self, metrics: Iterable[str] = ()) -> Matrix:
-        """
-        Return the sequences x systems; the only system of a suite without any has no name.
+    def matrix(self) -> Matrix:
+        """Return the sequences x systems; the only system of a suite without any has no name."""
+        return self._matrix
 
-        :param metrics: by default those that were chosen for the suite, or the usual ones.
-        """
+    @cached_property
+    def _matrix(self) -> Matrix:
         chosen = (self.metrics or default_metrics(one.sequence.config) for one in self.sequences)
         cells = {
             (one.sequence.name, one.sequence.system): Cell(
@@ -234,7 +235,7 @@ class SuiteResult:
         return Matrix(
             sequences,
             systems,
-            tuple(metrics or dict.fromkeys(metric for names in chosen for metric in names)),
+            tuple(dict.fromkeys(metric for names in chosen for metric in names)),
             cells,
             tuple(self._unequal_options()),
         )
@@ -269,6 +270,9 @@ class SuiteResult:
             'tool': {'name': 'vio_eval_ros', 'version': __version__},
             'sequences': [one.to_dict() for one in self.sequences],
             'matrix': self.matrix().to_dict() if self.has_systems else None,
+            'differences': [one.to_dict() for one in differences(self.matrix())]
+            if self.has_systems
+            else None,
             'notes': list(self.notes),
             'verdict': self.verdict,
         }

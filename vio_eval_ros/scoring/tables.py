@@ -6,8 +6,8 @@ from collections import Counter
 from collections.abc import Iterator
 import math
 
+from vio_eval_ros.comparison.direction import unit_of
 from vio_eval_ros.comparison.repeated import MetricComparison
-from vio_eval_ros.comparison.tables import UNITS
 from vio_eval_ros.core.gates import Verdict
 from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.rendering.text import number, percent
@@ -175,7 +175,7 @@ def broken_gate(gate: RunsGate, verdict: Verdict) -> str:
 def worse_metric(one: MetricComparison) -> str:
     """Return how much worse a metric is than in the baseline, and how certain that is."""
     metric, was, low, high = one.rule.metric, one.baseline.median, *one.interval
-    unit = next((f' {unit}' for end, unit in UNITS.items() if metric.endswith(end)), '')
+    unit = f' {unit_of(metric)}'.rstrip()
     runs = len(one.candidate.values) + one.missing
     missing = [f'no value in {one.missing} of {runs} runs'] if one.missing else []
     if math.isnan(one.difference):

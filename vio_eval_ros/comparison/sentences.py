@@ -1,0 +1,104 @@
+"""What the differences of systems come to, in sentences: beneath a table of them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+import math
+
+from vio_eval_ros.comparison.direction import unit_of
+from vio_eval_ros.comparison.matrix import Matrix
+from vio_eval_ros.comparison.verdicts import Difference, differences
+from vio_eval_ros.rendering.page import Html, joined, tag
+from vio_eval_ros.rendering.text import escaped, printable
+
+HEAD = 'Is the difference real?'
+
+
+def text_verdicts(matrix: Matrix) -> str:
+    """Return the sentences for a terminal; nothing where there is only one system."""
+    lines = list(verdict_lines(matrix))
+    return ''.join(f'{printable(line)}\n' for line in ('', HEAD, *lines)) if lines else ''
+
+
+def markdown_verdicts(matrix: Matrix) -> str:
+    """Return the sentences in Markdown."""
+    lines = [f'- {escaped(line)}' for line in verdict_lines(matrix)]
+    return '\n'.join(['', HEAD, '', *lines]) + '\n' if lines else ''
+
+
+def html_verdicts(matrix: Matrix) -> Html:
+    """Return the sentences as a part of a page."""
+    lines = [tag('li', line) for line in verdict_lines(matrix)]
+    return joined([tag('h3', HEAD), tag('ul', *lines)] if lines else [])
+
+
+def verdict_lines(matrix: Matrix) -> Iterator[str]:
+    """Yield what is known of the differences, in sentences; those that do not tell together."""
+    found = differences(matrix)
+    several = len(matrix.sequences) > 1
+    chosen = [one for one in found if not several or one.sequence is None]
+    if several and chosen and all(one.why for one in chosen):
+        most = max(chosen, key=lambda one: one.count)
+        yield f'over all sequences nothing tells: {most.why}'
+    else:
+        for metric in matrix.metrics:
+            yield from _of_metric([one for one in chosen if one.metric == metric])
+    if several:
+        for metric in matrix.metrics:
+            yield from _on_single([one for one in found if one.sequence and one.metric == metric])
+
+
+def _of_metric(found: Sequence[Difference]) -> Iterator[str]:
+    """Yield a sentence for each difference of a metric, one for all those that do not tell."""
+    alone = len(found) == 1
+    rest = [one for one in found if not (one.tells or alone)]
+    yield from (sentence(one) for one in found if one not in rest)
+    if rest:
+        names = ', '.join(
+            one.other if one.why else f'{one.other} (p = {one.p_adjusted:.2g})' for one in rest
+        )
+        why = min(rest, key=lambda one: one.count if one.why else math.inf).why
+        where = '' if rest[0].sequence is not None else ' over all sequences'
+        yield (
+            f'{rest[0].one} against {names}: {rest[0].metric}{where} does not tell'
+            f'{f": {why}" if why else ""}'
+        )
+
+
+def _on_single(found: Sequence[Difference]) -> Iterator[str]:
+    """Yield on which sequences a metric tells two systems apart, and on how many it does not."""
+    if not found:
+        return
+    better: dict[str, list[str]] = {}
+    for one in found:
+        if one.tells and one.sequence is not None:
+            better.setdefault(f'{one.one} better than {one.other}', []).append(one.sequence)
+    told = [f'{names} on {", ".join(where)}' for names, where in better.items()]
+    rest = sum(not one.tells for one in found)
+    if rest:
+        many = f'{rest} of {len(found)} differences do' if rest > 1 else 'one difference does'
+        told.append(f'{many} not tell')
+    yield f'on single sequences, {found[0].metric}: {"; ".join(told)}'
+
+
+def sentence(one: Difference) -> str:
+    """Return a difference with its interval and the verdict."""
+    where = f'over {one.count:.0f} sequences, ' if one.sequence is None else ''
+    told = f'{where}{one.one} against {one.other}: {one.metric} {_amount(one)}, {one.verdict}'
+    if one.why:
+        return f'{told}: {one.why}'
+    return f'{told} (p = {one.p_adjusted:.2g})'
+
+
+def _amount(one: Difference) -> str:
+    """Return by how much it is lower or higher, with the interval."""
+    value, unit = one.difference, unit_of(one.metric)
+    low, high = one.interval
+    if math.isnan(value) and one.ratio > 0:
+        value, unit = 100 * (one.ratio - 1), '%'
+        low, high = (100 * (end - 1) for end in one.ratio_interval)
+    if math.isnan(value) or not value:
+        return 'equal' if value == 0 else 'of unknown difference'
+    word, (low, high) = ('higher', (low, high)) if value > 0 else ('lower', (-high, -low))
+    interval = '' if math.isnan(low) else f' [{low:.3g}, {high:.3g}]'
+    return f'{word} by {abs(value):.3g}{f" {unit}" if unit else ""}{interval}'
