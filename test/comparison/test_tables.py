@@ -80,6 +80,12 @@ def test_mean_and_rank_are_below_a_rule_and_say_over_what_they_are(papers):
     assert f'V3, {HOSTILE}: x: the file has no rows of numbers' in text
 
 
+def test_a_tiny_value_is_no_zero():
+    text = text_tables(matrix(V1={'copy': cell(3e-12), 'real': cell(0.2), 'zero': cell(0.0)}))
+    rows = {line.split()[0]: line.split()[1] for line in text.splitlines()[3:6]}
+    assert rows == {'copy': '3.0e-12', 'real': '0.200', 'zero': '0.000'}
+
+
 def test_the_longer_side_goes_down():
     one = {name: cell(0.1 * k) for k, name in enumerate('abc', 1)}
     assert text_tables(matrix(V1=one, V2=one)).splitlines()[1].split()[:3] == [

@@ -26,6 +26,8 @@ from vio_eval_ros.rendering.text import number
 #: shown of a value whose runs do not tell how far it is certain
 SIGNIFICANT_DIGITS = 3
 MOST_DECIMALS = 6
+#: a smaller value is as good as zero where decimals are counted
+LEAST_VALUE = 10**-MOST_DECIMALS
 USUAL_DELTA = '1s'
 
 
@@ -195,9 +197,10 @@ class Matrix:
         return found
 
     def _usual_decimals(self, metric: str) -> int:
-        """Return the decimals that show the smallest value in three significant digits."""
+        """Return the decimals that show the smallest value in three digits, but for zeros."""
         found = (abs(cell.value(metric)) for cell in self.cells.values() if cell.stands(metric))
-        least = min((value for value in found if value), default=math.nan)
+        # a perfect run would fill the table with zeros
+        least = min((value for value in found if value >= LEAST_VALUE), default=math.nan)
         if math.isnan(least):
             return SIGNIFICANT_DIGITS
         return _clipped(SIGNIFICANT_DIGITS - 1 - math.floor(math.log10(least)))

@@ -124,8 +124,9 @@ def _shown(matrix: Matrix, metric: str, sequence: str, system: str) -> Shown:
         return Shown(MISSING if cell.missing else UNSCORED)
     decimals, most = matrix.decimals(metric, sequence, system), matrix.most_decimals[metric]
     mark = PARTLY if any(cell.failures(metric)) else ''
+    exact = cell.value(metric)
     return Shown(
-        f'{value:.{decimals}f}',
+        f'{value:.{decimals}f}' if value or not exact else f'{exact:.1e}',  # no silent zero
         place=_place(system, matrix.best(metric, sequence), matrix.second(metric, sequence)),
         mark=mark if matrix.stands(metric, sequence, system) else FAILED,
         missing=_missing(decimals, most),
