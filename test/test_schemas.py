@@ -62,6 +62,14 @@ sequences:
 """
 
 
+SYSTEMS = """
+sequences: [{name: flight, recording: FLIGHT, ground_truth: /ground_truth/pose}]
+systems:
+  - {name: last, estimate: /vio/odometry, options: {alignment: sim3}, modality: mono}
+  - {name: first, estimate: /vio/odometry}
+"""
+
+
 def generator() -> ModuleType:
     """Return the module that generates schemas."""
     spec = importlib.util.spec_from_file_location('generate', FOLDER / 'generate.py')
@@ -167,6 +175,13 @@ def test_a_comparison():
     assert problems('comparison-1', found) == []
 
 
+def test_a_suite_of_systems(tmp_path):
+    (tmp_path / 'suite.yaml').write_text(SYSTEMS.replace('FLIGHT', str(DEMO)))
+    found = document('score', tmp_path / 'suite.yaml', '--jobs', 1)
+    assert found['matrix']['systems'] == ['last', 'first']
+    assert problems('suite-1', found) == []
+
+
 @pytest.mark.slow
 def test_a_diagnosis(tmp_path):
     faults = ('--fault', 'time_offset=0.1', '--fault', 'scale=1.2', '--fault', 'jump=1')
@@ -246,6 +261,7 @@ def cases(kind: str) -> list[tuple[str, str]]:
 
 
 RIGHT_SUITE = SUITE.replace('FLIGHT', str(DEMO))
+RIGHT_SYSTEMS = SYSTEMS.replace('FLIGHT', str(DEMO))
 CASES = {
     'right': {
         'options': [
@@ -261,7 +277,13 @@ CASES = {
             f'inspect:\n  ros__parameters:\n{textwrap.indent(EXPECTED, "    ")}',
         ],
         'limits': ['inspect: {gap_s: 0.2}', '{}'],
-        'suite-file': [RIGHT_SUITE, f'tags: easy\noptions: {{alignment: se3}}{RIGHT_SUITE}'],
+        'suite-file': [
+            RIGHT_SUITE,
+            f'tags: easy\noptions: {{alignment: se3}}{RIGHT_SUITE}',
+            RIGHT_SYSTEMS,
+            f'{{recording: {DEMO}, estimate: /vio/odometry, ground_truth: /ground_truth/pose, '
+            'sequences: [flight]}',
+        ],
     },
     'wrong': {
         'options': [
@@ -302,6 +324,10 @@ CASES = {
             RIGHT_SUITE.replace('    ground_truth: /ground_truth/pose', ''),
             f'options: {{alignment: se4}}{RIGHT_SUITE}',
             f'modality: lidar{RIGHT_SUITE}',
+            RIGHT_SYSTEMS.replace('name: first, ', ''),
+            RIGHT_SYSTEMS.replace('name: first', 'name: first, ground_truth: gt'),
+            RIGHT_SYSTEMS.replace('systems:', 'system:'),
+            'sequences: [flight]',
         ],
     },
 }
