@@ -97,6 +97,14 @@ def test_the_mean_is_over_what_all_have_and_the_rank_over_all_sequences():
     assert math.isnan(found.mean(ATE, 'c'))
     assert found.mean_rank(ATE, 'a') == 4 / 3
     assert found.mean_rank(ATE, 'b') == (2 + 2.5 + 1) / 3
+    assert found.places_of_ranks(ATE) == (('a',), ('b',))
+
+
+def test_who_succeeded_nowhere_is_not_second_in_rank():
+    found = matrix(
+        {'V1': {'a': [run(0.1)], 'b': [unread()]}, 'V2': {'a': [run(0.1)], 'b': [unread()]}}
+    )
+    assert found.places_of_ranks(ATE) == ((), ())
 
 
 def test_values_without_spread_have_the_decimals_of_the_smallest():

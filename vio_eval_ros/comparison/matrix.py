@@ -252,11 +252,7 @@ class Matrix:
 
     def common(self, metric: str) -> tuple[str, ...]:
         """Return the sequences on which every system stands, but for those that nowhere do."""
-        standing = [
-            name
-            for name in self.systems
-            if any(self.stands(metric, one, name) for one in self.sequences)
-        ]
+        standing = self._standing(metric)
         return tuple(
             one
             for one in self.sequences
@@ -302,7 +298,15 @@ class Matrix:
 
     def places_of_ranks(self, metric: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
         """Return the systems with the best and the second best mean rank."""
-        return _places({name: self.mean_rank(metric, name) for name in self.systems})
+        return _places({name: self.mean_rank(metric, name) for name in self._standing(metric)})
+
+    def _standing(self, metric: str) -> tuple[str, ...]:
+        """Return the systems that stand on any sequence."""
+        return tuple(
+            name
+            for name in self.systems
+            if any(self.stands(metric, one, name) for one in self.sequences)
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return the matrix as results have it; NaN where there is no number."""
