@@ -33,7 +33,8 @@ LAYERS = {
     # a recording is inspected, or its IMU analysed, by name: as a library and on the command line
     'imu': {'core', 'recordings', 'rendering'},
     'inspection': {'core', 'recordings', 'rendering', 'settings'},
-    'simulation': {'core', 'imu', 'rendering'},
+    'conversion': {'core', 'recordings', 'rendering'},
+    'simulation': {'core', 'conversion', 'imu', 'rendering'},
     'evaluation': {'core', 'diagnosis', 'recordings'},
     'comparison': {'core', 'evaluation', 'recordings', 'rendering'},
     'reports': {'core', 'comparison', 'evaluation', 'rendering'},
@@ -53,8 +54,8 @@ LAYERS['api'] = LAYERS['results'] | {'results'}
 SHELLS = {'ros', 'cli', '__main__', PACKAGE}
 ONLY_IN = {
     'rclpy': ('ros.',),
-    'rosbags': ('recordings.', 'reports.mcap', 'simulation'),
-    'mcap': ('recordings.', 'reports.mcap', 'simulation'),
+    'rosbags': ('recordings.', 'reports.mcap', 'conversion'),
+    'mcap': ('recordings.', 'reports.mcap', 'conversion'),
 }
 
 

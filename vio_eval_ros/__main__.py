@@ -25,6 +25,8 @@ VERBS: dict[str, tuple[str, str]] = {
     'diagnose': ('vio_eval_ros.cli.diagnose', 'say why an estimate is bad'),
     'simulate': ('vio_eval_ros.cli.simulate', 'write a run with known truth and chosen faults'),
     'inspect': ('vio_eval_ros.cli.inspect', 'look for faults in the streams of a recording'),
+    'convert': ('vio_eval_ros.cli.convert', 'write a trajectory in another format'),
+    'info': ('vio_eval_ros.cli.info', 'say what is in trajectories: span, rate, length, gaps'),
     'play': ('vio_eval_ros.cli.play', 'publish a recording into ROS 2'),
 }
 

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from vio_eval_ros.cli.shell import Parser, progress, run
+from vio_eval_ros.conversion.staging import check_out
 from vio_eval_ros.core.cleaning import clean, Cleaning
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.trajectory import Trajectory
@@ -23,7 +24,7 @@ from vio_eval_ros.rendering.text import printable
 from vio_eval_ros.settings import finite, load_yaml
 from vio_eval_ros.simulation import at_rest, Drift, FAULTS, simulate, SimulatedRun
 from vio_eval_ros.simulation.faults import inject, parse_fault, usage
-from vio_eval_ros.simulation.formats import check_out, format_of, FORMATS, write_recording
+from vio_eval_ros.simulation.formats import format_of, FORMATS, write_recording
 
 VERB = 'simulate'
 SEED = 7

@@ -191,6 +191,15 @@ def default_topics(
         raise ReadError(recording, advice + opened.choice())
 
 
+def pose_topics(recording: Path) -> list[str]:
+    """Return the specs of the topics of a recording whose messages have one pose each."""
+    with _opened(recording) as opened:
+        usual = [one.name for one in opened.topics if one.has_usual_pose and one.count]
+        if not usual:
+            raise ReadError(recording, f'no topic has a pose; {opened.choice()}')
+        return [f'{recording}:{name}' for name in usual]
+
+
 def _located(text: str, recording: Path | None) -> Spec:
     spec = Spec.parse(text, beside_recording=recording is not None)
     if spec.path is None:

@@ -1,129 +1,48 @@
-"""
-The formats in which a run is written; each is a function and a line in ``FORMATS``.
-
-Messages are serialised in columns: those of a topic differ only in their stamps and numbers.
-"""
+"""The formats in which a run is written; each is a function and a line in ``FORMATS``."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-import heapq
-from operator import itemgetter
+from collections.abc import Callable, Sequence
 from pathlib import Path
-import struct
-import tempfile
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from vio_eval_ros.core.trajectory import blocks, Trajectory
-from vio_eval_ros.errors import ConfigError, WriteError
-from vio_eval_ros.rendering.tum import formatted, tum
+from vio_eval_ros.conversion.staging import check_out, staged_path
+from vio_eval_ros.conversion.texts import write_euroc, write_rows
+from vio_eval_ros.conversion.topics import (
+    odometry_topic,
+    pose_topic,
+    TopicColumns,
+    write_mcap,
+    write_ros1,
+    write_rosbag2,
+    write_sqlite3,
+)
+from vio_eval_ros.core.trajectory import Trajectory
+from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.simulation.simulated_run import Imu, IMU_RATE_HZ, SimulatedRun
 
 VIO_LATENCY_NS = 38_000_000  # between an image and the publication of its pose
-LAST_STAMP_NS = 2**31 * 10**9  # 2038: the seconds of a ROS stamp are int32
-
-
-class TopicColumns(NamedTuple):
-    """
-    The messages of a topic, all of one type, as columns.
-
-    :param frames: the frame names that follow the stamp in each message.
-    :param numbers: returns all doubles after those, (n, D), of a slice of the messages.
-    :param latency_ns: between stamp and receipt.
-    """
-
-    topic: str
-    msgtype: str
-    frames: tuple[str, ...]
-    stamps_ns: np.ndarray
-    numbers: Callable[[slice], np.ndarray]
-    latency_ns: int = 0
-
-    def messages(self, ros1: bool) -> Iterator[tuple[int, str, bytes]]:
-        """Yield the time of receipt, the topic and the bytes of each message."""
-        # CDR begins with a preamble, a ROS 1 header with a counter; both have 4 bytes
-        begin = bytes(4) if ros1 else b'\0\1\0\0'
-        strings = b''
-        for frame in self.frames:
-            text = frame.encode() + (b'' if ros1 else b'\0')
-            strings += struct.pack('<I', len(text)) + text
-            # CDR aligns numbers to their size, and strings to the size of their length
-            strings += b'' if ros1 else bytes(-len(strings) % 4)
-        strings += b'' if ros1 else bytes(-len(strings) % 8)
-        for block in blocks(len(self.stamps_ns)):
-            stamps_ns, numbers = self.stamps_ns[block], self.numbers(block)
-            kind = [
-                ('begin', f'V{len(begin)}'),
-                ('stamp', '<u4', 2),
-                ('strings', f'V{len(strings)}'),
-                ('numbers', '<f8', numbers.shape[1]),
-            ]
-            rows = np.empty(len(stamps_ns), kind)
-            rows['begin'], rows['strings'] = np.void(begin), np.void(strings)
-            rows['stamp'] = np.stack(np.divmod(stamps_ns, 10**9), axis=-1)
-            rows['numbers'] = numbers
-            for stamp_ns, row in zip(stamps_ns.tolist(), rows, strict=True):
-                yield stamp_ns + self.latency_ns, self.topic, row.tobytes()
 
 
 def recorded_topics(run: SimulatedRun) -> list[TopicColumns]:
     """Return the topics that a recorder would record of a run."""
     found = []
     if len(run.ground_truth):
-        found.append(_poses(run.ground_truth, '/ground_truth/pose', 'world'))
+        found.append(pose_topic(run.ground_truth, '/ground_truth/pose', 'world'))
     if run.imu is not None:
         found.append(_imu(run.imu))
     if len(run.estimate):
-        found.append(_odometry(run.estimate))
+        found.append(_of_estimate(run.estimate))
     return found
 
 
-def _poses(poses: Trajectory, topic: str, frame: str, latency_ns: int = 0) -> TopicColumns:
-    """Return PoseStamped messages, or PointStamped where there are only positions."""
-    kind = 'geometry_msgs/msg/' + ('PointStamped' if poses.rotations is None else 'PoseStamped')
-
-    def numbers(block: slice) -> np.ndarray:
-        return _pose_columns(poses[block])
-
-    return TopicColumns(
-        topic=topic,
-        msgtype=kind,
-        frames=(frame,),
-        stamps_ns=poses.stamps_ns,
-        numbers=numbers,
-        latency_ns=latency_ns,
-    )
-
-
-def _pose_columns(poses: Trajectory) -> np.ndarray:
-    columns = [poses.positions] if poses.rotations is None else [poses.positions, poses.rotations]
-    return np.concatenate(columns, axis=1)
-
-
-def _odometry(poses: Trajectory) -> TopicColumns:
-    """Return Odometry with the covariances of the poses; the twist stays zero."""
+def _of_estimate(poses: Trajectory) -> TopicColumns:
     if poses.rotations is None:
-        return _poses(poses, '/vio/position', 'odom', VIO_LATENCY_NS)
-
-    def numbers(block: slice) -> np.ndarray:
-        some = poses[block]
-        covariances, twists = np.zeros((len(some), 6, 6)), np.zeros((len(some), 6 + 36))
-        if some.covariances is not None:
-            covariances[:, :3, :3] = some.covariances[:, 0]
-            covariances[:, 3:, 3:] = some.covariances[:, 1]
-        return np.concatenate([_pose_columns(some), covariances.reshape(-1, 36), twists], axis=1)
-
-    return TopicColumns(
-        topic='/vio/odometry',
-        msgtype='nav_msgs/msg/Odometry',
-        frames=('odom', 'body'),
-        stamps_ns=poses.stamps_ns,
-        numbers=numbers,
-        latency_ns=VIO_LATENCY_NS,
-    )
+        return pose_topic(poses, '/vio/position', 'odom', VIO_LATENCY_NS)
+    return odometry_topic(poses, '/vio/odometry', 'odom', 'body', VIO_LATENCY_NS)
 
 
 def _imu(imu: Imu) -> TopicColumns:
@@ -144,51 +63,6 @@ def _imu(imu: Imu) -> TopicColumns:
     return TopicColumns('/imu0', 'sensor_msgs/msg/Imu', ('imu0',), imu.stamps_ns, numbers)
 
 
-def _write_ros1(run: SimulatedRun, path: Path) -> None:
-    from rosbags.rosbag1 import Writer
-
-    _record(run, Writer(path), ros1=True)
-
-
-def _write_rosbag2(run: SimulatedRun, path: Path) -> None:
-    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
-
-    writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
-    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    _record(run, writer, ros1=False)
-
-
-def _write_sqlite3(run: SimulatedRun, path: Path) -> None:
-    from rosbags.rosbag2 import StoragePlugin, Writer
-
-    _record(run, Writer(path, version=9, storage_plugin=StoragePlugin.SQLITE3), ros1=False)
-
-
-def _write_mcap(run: SimulatedRun, path: Path) -> None:
-    folder = path.with_suffix('')
-    _write_rosbag2(run, folder)
-    (folder / f'{folder.name}.mcap').replace(path)
-
-
-def _record(run: SimulatedRun, writer: Any, ros1: bool) -> None:
-    """Write the messages in the order in which a recorder would have received them."""
-    from rosbags.typesys import get_typestore, Stores
-
-    store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
-    topics = recorded_topics(run)
-    for one in topics:
-        if one.stamps_ns[0] < 0 or one.stamps_ns[-1] >= LAST_STAMP_NS:
-            raise ConfigError(f'{one.topic}: stamps of messages are limited to 1970 to 2038')
-    with writer:
-        connections = {
-            one.topic: writer.add_connection(one.topic, one.msgtype, typestore=store)
-            for one in topics
-        }
-        messages = (one.messages(ros1) for one in topics)
-        for received_ns, topic, message in heapq.merge(*messages, key=itemgetter(0)):
-            writer.write(connections[topic], received_ns, message)
-
-
 def _write_tum(run: SimulatedRun, path: Path) -> None:
     path.mkdir()
     for name in ('estimate', 'ground_truth'):
@@ -203,10 +77,6 @@ IMU_COLUMNS = (
     '#timestamp [ns],'
     'w_RS_S_x [rad s^-1],w_RS_S_y [rad s^-1],w_RS_S_z [rad s^-1],'
     'a_RS_S_x [m s^-2],a_RS_S_y [m s^-2],a_RS_S_z [m s^-2]\n'
-)
-POSE_COLUMNS = (
-    '#timestamp [ns],p_RS_R_x [m],p_RS_R_y [m],p_RS_R_z [m],'
-    'q_RS_w [],q_RS_x [],q_RS_y [],q_RS_z []\n'
 )
 SENSOR = """sensor_type: {kind}
 comment: simulated by vio_eval_ros
@@ -231,11 +101,7 @@ def _write_euroc(run: SimulatedRun, path: Path) -> None:
         (folder / 'sensor.yaml').write_text(SENSOR.format(kind='visual-inertial'))
         if run.ground_truth.rotations is None:
             raise ConfigError('a EuRoC folder needs orientations of the ground truth')
-        columns = [run.ground_truth.positions, np.roll(run.ground_truth.rotations, 1, axis=1)]
-        rows = np.concatenate(columns, axis=1)
-        with (folder / 'data.csv').open('w') as file:
-            file.write(POSE_COLUMNS)
-            _write_rows(file, run.ground_truth.stamps_ns, rows)
+        write_euroc(run.ground_truth, folder / 'data.csv')
     if run.imu is not None:
         folder = path / 'mav0' / 'imu0'
         folder.mkdir(parents=True)
@@ -250,15 +116,14 @@ def _write_euroc(run: SimulatedRun, path: Path) -> None:
 def _write_imu_csv(imu: Imu, path: Path) -> None:
     with path.open('w') as file:
         file.write(IMU_COLUMNS)
-        _write_rows(file, imu.stamps_ns, imu.samples)
+        write_rows(file, imu.stamps_ns, imu.samples)
 
 
-def _write_rows(file: Any, stamps_ns: np.ndarray, numbers: np.ndarray) -> None:
-    """Write a line for each stamp and its numbers, with all of their digits."""
-    for block in blocks(len(stamps_ns)):
-        table = np.empty((len(stamps_ns[block]), 1 + numbers.shape[1]), object)
-        table[:, 0], table[:, 1:] = stamps_ns[block], numbers[block]
-        file.write(formatted(table, ','.join(['%d'] + ['%.17g'] * numbers.shape[1])))
+def _recording(
+    write: Callable[[Sequence[TopicColumns], Path], None],
+) -> Callable[[SimulatedRun, Path], None]:
+    """Return what writes the topics of a run."""
+    return lambda run, path: write(recorded_topics(run), path)
 
 
 class Format(NamedTuple):
@@ -269,10 +134,10 @@ class Format(NamedTuple):
 
 
 FORMATS: dict[str, Format] = {
-    'ros1': Format(_write_ros1, '.bag'),
-    'mcap': Format(_write_mcap, '.mcap'),
-    'rosbag2': Format(_write_rosbag2),
-    'sqlite3': Format(_write_sqlite3),
+    'ros1': Format(_recording(write_ros1), '.bag'),
+    'mcap': Format(_recording(write_mcap), '.mcap'),
+    'rosbag2': Format(_recording(write_rosbag2)),
+    'sqlite3': Format(_recording(write_sqlite3)),
     'tum': Format(_write_tum),
     'euroc': Format(_write_euroc),
 }
@@ -317,26 +182,6 @@ def write_recording(run: SimulatedRun, path: Path, kind: str | None = None) -> N
     :raises WriteError: where it cannot be written.
     """
     chosen = format_of(path, kind)
-    with _staged(path) as staged:
-        FORMATS[chosen].write(run, staged)
-
-
-def check_out(path: Path) -> None:
-    """Raise ``ConfigError`` where nothing can be written to a path."""
-    if path.exists():
-        raise ConfigError(f'{path}: exists already; remove it or choose another name')
-    if not path.parent.is_dir():
-        raise ConfigError(f'{path}: there is no folder {path.parent}')
-
-
-@contextmanager
-def _staged(path: Path) -> Iterator[Path]:
-    """Yield a temporary path to write to, and rename it when it is complete."""
     check_out(path)
-    try:
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=f'.{path.name}.') as folder:
-            staged = Path(folder, path.name)
-            yield staged
-            staged.rename(path)
-    except OSError as error:
-        raise WriteError(path, error.strerror or str(error)) from None
+    with staged_path(path) as staged:
+        FORMATS[chosen].write(run, staged)

@@ -82,9 +82,16 @@ def alone(source: Source) -> Source:
 
     :raises ReadError: it has no rule; what is open has to be stated.
     """
-    if source.readings and not source.readings[0].usual:
+    if not source.readings:
+        return source
+    taken = source.readings[0]
+    if not taken.usual:
         _undecided(source, 'estimate', comparable=True)
-    return replace(source, readings=())
+    if len(source.readings) < 2 or not taken.statement:
+        return replace(source, readings=())
+    others = ' or '.join(with_statement(source.spec, way.statement) for way in source.readings[1:])
+    note = f'{source.spec}: read with {taken.statement}, as such files are; if not, write {others}'
+    return replace(source, readings=(), warnings=(*source.warnings, note))
 
 
 def _stated_and_other(side: Source) -> tuple[Reading, ...]:

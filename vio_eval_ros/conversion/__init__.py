@@ -1,0 +1,1 @@
+"""Trajectories written in the formats of others, and changed on the way."""
