@@ -28,6 +28,8 @@ CONFIDENCE = 0.95
 #: a run with fewer independent pieces does not tell: the interval would be too narrow
 LEAST_PIECES = 50
 LEAST_BLOCKS = 8
+#: a rarer tail is not told from what was resampled
+LEAST_TAIL = 5e-7
 #: standard errors that an interval reaches to; beyond that it is nonsense
 MOST_ERRORS = 50.0
 #: errors are averaged into as many pieces of time before anything else: bounds time and memory
@@ -164,7 +166,7 @@ def _studentised(
     """
     means = cells.mean(axis=1)
     drawn, spread = _resampled(cells, length)
-    intervals, p_values = [], [0.0]
+    intervals, p_values = [], [2 * LEAST_TAIL]
     for value, slope, values, slopes in zip(
         _statistic(means, rooted),
         _slopes(means, rooted),
@@ -196,7 +198,8 @@ def _tail(drawn: np.ndarray, value: float) -> float:
     start, further = map(float, np.quantile(drawn, [0.99, 0.999]))
     if value <= further or further <= start:
         return (1 + float(np.sum(drawn >= value))) / (len(drawn) + 1)
-    return 0.001 * math.exp(-math.log(10) * (value - further) / (further - start))
+    beyond = 0.001 * math.exp(-math.log(10) * (value - further) / (further - start))
+    return max(beyond, LEAST_TAIL)
 
 
 def _averaged(losses: np.ndarray) -> np.ndarray:

@@ -55,7 +55,7 @@ def _of_metric(found: Sequence[Difference]) -> Iterator[str]:
     yield from (sentence(one) for one in found if one not in rest)
     if rest:
         names = ', '.join(
-            one.other if one.why else f'{one.other} (p = {one.p_adjusted:.2g})' for one in rest
+            one.other if one.why else f'{one.other} ({probability(one)})' for one in rest
         )
         why = min(rest, key=lambda one: one.count if one.why else math.inf).why
         where = '' if rest[0].sequence is not None else ' over all sequences'
@@ -87,7 +87,12 @@ def sentence(one: Difference) -> str:
     told = f'{where}{one.one} against {one.other}: {one.metric} {_amount(one)}, {one.verdict}'
     if one.why:
         return f'{told}: {one.why}'
-    return f'{told} (p = {one.p_adjusted:.2g})'
+    return f'{told} ({probability(one)})'
+
+
+def probability(one: Difference) -> str:
+    """Return the adjusted p-value; below a ten-thousandth, its digits mean nothing."""
+    return f'p = {one.p_adjusted:.2g}' if one.p_adjusted >= 1e-4 else 'p < 0.0001'
 
 
 def _amount(one: Difference) -> str:

@@ -185,12 +185,23 @@ def _compared(comparisons: Iterable[MetricComparison]) -> Html:
             change(each) or '-',
             number(each.allowed),
             number(each.p_value),
+            number(each.p_adjusted),
             badge('fail', 'worse') if each.worse else badge('pass', 'not worse'),
         ]
         for each in comparisons
     ]
-    heads = ['metric', 'baseline', 'now', 'spread', 'change', 'allowed', 'p', 'verdict']
-    found = table(heads, rows, numbers=range(1, 7), minor=(1, 3, 5, 6))
+    heads = [
+        'metric',
+        'baseline',
+        'now',
+        'spread',
+        'change',
+        'allowed',
+        'p',
+        'p of all',
+        'verdict',
+    ]
+    found = table(heads, rows, numbers=range(1, 8), minor=(1, 3, 5, 6, 7))
     return joined([tag('h3', 'Compared with the baseline'), found]) if rows else Html()
 
 

@@ -183,6 +183,8 @@ def worse_metric(one: MetricComparison) -> str:
     facts = list(missing)
     if not math.isnan(one.p_value):
         facts.append(f'p = {one.p_value:.2g}')
+    if not math.isnan(one.p_adjusted):
+        facts.append(f'{one.p_adjusted:.2g} among all comparisons')
     if not math.isnan(low):
         facts.append(f'95 % interval of the change {number(low)} to {number(high)}{unit}')
     moved = 'rose' if one.difference > 0 else 'fell'
