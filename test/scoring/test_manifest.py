@@ -25,6 +25,7 @@ from vio_eval_ros.scoring import stack as stacks
 from vio_eval_ros.scoring.baseline import Baseline, definition_sha256
 from vio_eval_ros.scoring.loading import load_suite
 from vio_eval_ros.scoring.manifest import Manifest, manifest_of_suite
+from vio_eval_ros.scoring.recorded_manifest import load_manifest
 from vio_eval_ros.scoring.results import RunResult
 from vio_eval_ros.scoring.scoring import compare_suite, score_suite
 from vio_eval_ros.scoring.stack import Document, Stack
@@ -372,6 +373,14 @@ def test_gates_comparisons_and_verdicts_of_a_suite_are_in_its_manifest(judged):
     assert comparison['rule']['metric'] == ATE
     assert comparison['baseline_values'] == [revised['runs'][0]['result']['metrics'][ATE]]
     assert comparison['found']['difference'] == 0
+
+
+def test_rules_of_a_manifest_from_before_there_were_suites_judge_alone(folder, judged):
+    (comparison,) = judged['sequences'][2]['comparisons']
+    assert comparison['rule'].pop('p_adjusted') == 0.02
+    (folder / 'manifest.json').write_text(json.dumps(judged))
+    ((rule, _),) = load_manifest(folder / 'manifest.json').sequences[2].rules
+    assert rule.p_adjusted == 1
 
 
 @pytest.mark.slow

@@ -336,6 +336,26 @@ def test_a_candidate_that_is_worse_fails_though_it_keeps_its_gates(lab, before):
     assert not result.passed
 
 
+@pytest.mark.slow
+def test_what_chance_does_somewhere_in_a_suite_is_not_worse(lab):
+    before = (0.10, 0.11, 0.09, 0.105, 0.095)
+    noisy = ((0.1, 0.16, 0.07, 0.13, 0.09), (0.08, 0.13, 0.11, 0.15, 0.1))
+    for name in 'abcd':
+        lab.runs(name, *(noisy[0] if name > 'a' else before))
+    baseline = baseline_of(lab.score(*'abcd'))
+    for name in 'bcd':
+        lab.runs(name, *noisy[1])
+    lab.runs('a', 0.12, 0.118, 0.122, 0.119, 0.106)
+    result = compare_suite(lab.score(*'abcd'), baseline)
+    (found,) = result.sequences[0].comparisons
+    assert found.p_value <= 0.02 < found.p_adjusted < 0.1
+    assert found.difference > found.allowed
+    assert result.passed
+    assert any(note.startswith(f'a: {ATE} is worse by itself (p = ') for note in result.notes)
+    loose = [f'{name}, compare: {{{ATE}: {{p_adjusted: 1}}}}' for name in 'abcd']
+    assert not compare_suite(lab.score(*loose), baseline).passed
+
+
 def test_the_rule_can_be_set_for_a_sequence(lab, before):
     lab.runs('a', 0.13, 0.14, 0.12, 0.135, 0.125)
     (one,) = compare_suite(

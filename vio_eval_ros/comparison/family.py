@@ -71,16 +71,18 @@ def _stepped_down(comparisons: Sequence[tuple[int, MetricComparison]]) -> list[f
     p_values = [1.0] * len(comparisons)
     if not any(one.beyond for _, one in comparisons):
         return p_values
-    separations = np.array(list(_separations(comparisons)))
-    powers = separations**POWER
-    rest, p_value = powers.sum(axis=0), 0.0
-    for k in np.argsort(-separations[:, 0], kind='stable'):
-        if not separations[k, 0] > 0:
-            break
+    rest, p_value = np.zeros(RESAMPLES + 1), 0.0
+    beyond: dict[int, np.ndarray] = {}
+    for k, separations in enumerate(_separations(comparisons)):
+        powers = separations**POWER
+        rest += powers
+        if powers[0] > 0:
+            beyond[k] = powers
+    for k in sorted(beyond, key=lambda k: -beyond[k][0]):
         # the first is the true division; equal ones may differ from it in the last bits
         p_value = max(p_value, float(np.mean(rest >= rest[0] * (1 - 1e-9))))
         p_values[k] = p_value
-        rest = rest - powers[k]
+        rest -= beyond[k]
     return p_values
 
 
