@@ -31,8 +31,7 @@ def write_tum(poses: Trajectory, path: Path) -> None:
         for block in blocks(len(poses)):
             stamps_ns = poses.stamps_ns[block]
             table = np.empty((len(stamps_ns), 10), object)
-            table[:, 0] = np.where(stamps_ns < 0, '-', '')
-            table[:, 1], table[:, 2] = np.divmod(np.abs(stamps_ns), 10**9)
+            table[:, :3] = _seconds(stamps_ns)
             table[:, 3:6], table[:, 6:] = poses.positions[block], rotations[block]
             file.write(formatted(table, '%s%d.%09d' + ' %r' * 7))
 
@@ -62,9 +61,7 @@ def write_kitti(poses: Trajectory, path: Path) -> None:
             matrices[:, :, :3] = rotation.to_matrix(rotation.normalize(rotations[block]))
             matrices[:, :, 3] = poses.positions[block]
             file.write(formatted(matrices.reshape(-1, 12), ' '.join(['%r'] * 12)))
-            seconds = np.empty((len(matrices), 2), object)
-            seconds[:, 0], seconds[:, 1] = np.divmod(poses.stamps_ns[block], 10**9)
-            times.write(formatted(seconds, '%d.%09d'))
+            times.write(formatted(_seconds(poses.stamps_ns[block]), '%s%d.%09d'))
 
 
 def times_beside(path: Path) -> Path:
@@ -78,6 +75,14 @@ def write_rows(file: Any, stamps_ns: np.ndarray, numbers: np.ndarray) -> None:
         table = np.empty((len(stamps_ns[block]), 1 + numbers.shape[1]), object)
         table[:, 0], table[:, 1:] = stamps_ns[block], numbers[block]
         file.write(formatted(table, ','.join(['%d'] + ['%r'] * numbers.shape[1])))
+
+
+def _seconds(stamps_ns: np.ndarray) -> np.ndarray:
+    """Return (N, 3) objects: the sign, whole seconds, and the nanoseconds beyond them."""
+    table = np.empty((len(stamps_ns), 3), object)
+    table[:, 0] = np.where(stamps_ns < 0, '-', '')
+    table[:, 1], table[:, 2] = np.divmod(np.abs(stamps_ns), 10**9)
+    return table
 
 
 def _needed(poses: Trajectory, name: str) -> np.ndarray:
