@@ -76,9 +76,10 @@ def format_of(path: Path, stated: str | None = None) -> str:
     """
     Return the format to write: as stated, else by the suffix; a name without one is a folder.
 
-    :raises ConfigError: the suffix tells no format.
+    :raises ConfigError: the suffix tells no format, or another kind of recording than is stated.
     """
     if stated is not None:
+        _check_suffix(path, stated)
         return stated
     for name, one in FORMATS.items():
         if path.suffix.lower() in one.suffixes:
@@ -87,6 +88,21 @@ def format_of(path: Path, stated: str | None = None) -> str:
     raise ConfigError(
         f"{path}: no format has the suffix '{path.suffix}' ({known}); state --format"
     )
+
+
+def _check_suffix(path: Path, name: str) -> None:
+    """Raise ``ConfigError`` where the suffix of a recording is that of another kind of it."""
+    suffix = path.suffix.lower()
+    if name in ('mcap', 'ros1') and suffix not in FORMATS[name].suffixes:
+        wanted = FORMATS[name].suffixes[0]
+        raise ConfigError(f'{path}: for {name}, OUT is a file: name it with {wanted}')
+    if name in ('rosbag2', 'sqlite3') and any(suffix in one.suffixes for one in _files()):
+        raise ConfigError(f'{path}: for {name}, OUT is a folder: drop {path.suffix}')
+
+
+def _files() -> list[Format]:
+    """Return the formats of which OUT is a file."""
+    return [one for one in FORMATS.values() if any(one.suffixes)]
 
 
 def files_of(path: Path, name: str) -> list[Path]:
