@@ -17,6 +17,7 @@ from vio_eval_ros.conversion.staging import check_out, staged_path
 from vio_eval_ros.core.cleaning import Cleaning
 from vio_eval_ros.core.config import ALIGNMENTS, EvaluationConfig
 from vio_eval_ros.core.intervals import nanoseconds
+from vio_eval_ros.core.orientations import why_positions_only
 from vio_eval_ros.core.preparation import Preparation
 from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.errors import ConfigError, PASSED
@@ -139,6 +140,8 @@ def _in_order(source: Source, notes: list[str]) -> Trajectory:
     counts = Cleaning()
     poses = changes.in_order(source.poses, counts)
     notes += [*source.warnings, *counts.warnings(source.spec)]
+    if source.poses.rotations is not None and poses.rotations is None:
+        notes.append(f'{source.spec}: orientations left out: {why_positions_only(source.poses)}')
     return poses
 
 
@@ -154,12 +157,20 @@ def _changed(
     if len(parts) > 1:
         poses, dropped = changes.merged(parts)
         notes.append(f'merged {len(parts)} trajectories; {dropped} poses had a stamp twice')
+        notes += dict.fromkeys(line for part in parts for line in _lost('merging', part, poses))
     for what, change in _changes(arguments, first, read):
-        before = len(poses)
-        poses = change(poses)
-        if len(poses) != before:
-            notes.append(f'{what}: {before:,} poses became {len(poses):,}')
+        before, poses = poses, change(poses)
+        if len(poses) != len(before):
+            notes.append(f'{what}: {len(before):,} poses became {len(poses):,}')
+        notes += _lost(what, before, poses)
     return poses
+
+
+def _lost(what: str, before: Trajectory, after: Trajectory) -> Iterator[str]:
+    """Yield which columns a change left out."""
+    for name, column in (('orientations', 'rotations'), ('covariances', 'covariances')):
+        if getattr(before, column) is not None and getattr(after, column) is None:
+            yield f'{what}: {name} are left out'
 
 
 def _changes(
