@@ -1,5 +1,8 @@
 """Whatever is written has the stamps and names that it should, and what is left out is said."""
 
+from pathlib import Path
+import re
+
 import numpy as np
 import pytest
 from rosbags.highlevel import AnyReader
@@ -15,6 +18,7 @@ from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.simulation import simulate, write_recording
 
 RUN = simulate(duration_s=5)
+DOCUMENT = (Path(__file__).resolve().parents[2] / 'docs' / 'convert.md').read_text()
 
 
 def turning(stamps_ns: np.ndarray) -> Trajectory:
@@ -91,3 +95,11 @@ def test_a_recording_is_named_as_what_it_is(tmp_path, kind, out, advice):
     (tmp_path / 'a.tum').write_text(tum(RUN.estimate))
     assert advice in complaint('convert', 'a.tum', out, '--format', kind, cwd=tmp_path)
     assert [file.name for file in tmp_path.iterdir()] == ['a.tum']
+
+
+@pytest.mark.slow
+def test_the_commands_of_the_document_run(tmp_path):
+    (block,) = re.findall(r'```bash\n(.*?)```', DOCUMENT, re.DOTALL)
+    for line in block.splitlines():
+        done = call(*line.split()[1:], cwd=tmp_path)
+        assert (done.returncode, done.stderr) == (0, ''), transcript(done)
