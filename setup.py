@@ -121,6 +121,8 @@ setup(
             'build',
             'check-jsonschema',
             'colcon-common-extensions',
+            # make docs
+            'furo',
             # the oracle; its newest releases need Python 3.11
             'evo==1.38.1; python_version >= "3.11"',
             'hypothesis',
@@ -130,6 +132,7 @@ setup(
             'mypy',
             'nbclient',
             'nbformat',
+            'myst-parser',
             'playwright',
             'pytest',
             'pytest-xdist',
@@ -139,6 +142,8 @@ setup(
             # the oracle of the permutation test
             'scipy>=1.15',
             'twine',
+            'sphinx',
+            'sphinx-copybutton',
             'types-PyYAML',
             'types-protobuf',
             'types-tabulate',

@@ -1,4 +1,4 @@
-"""The live demo does what the README shows, and says so where it cannot."""
+"""The live demo does what the documentation shows, and says so where it cannot."""
 
 import importlib.util
 import json
@@ -42,9 +42,9 @@ def test_the_figures_change_while_it_plays_and_equal_those_of_replay_in_the_end(
     assert len({values for _, values in rows}) == len(rows)
     head, _, rest = done.stdout.partition('In the end')
     end = re.match('.*(?=^\\d+ of \\d+ figures)', rest, re.DOTALL | re.MULTILINE)[0]
-    readme = (ROOT / 'README.md').read_text()
-    assert figures(end) in figures(readme)
-    assert head.splitlines()[2] in readme  # the names of the columns
+    shown_there = (ROOT / 'docs' / 'live.md').read_text()
+    assert figures(end) in figures(shown_there)
+    assert head.splitlines()[2] in shown_there  # the names of the columns
     result = json.loads((tmp_path / 'report' / 'result.json').read_text())
     assert result['inputs']['estimate']['kind'] == 'topic'
     assert result['association']['pairs'] == 1200

@@ -4,6 +4,9 @@ import ast
 from dataclasses import fields
 from pathlib import Path
 import re
+import shutil
+import subprocess
+import sys
 
 import pytest
 
@@ -17,13 +20,13 @@ from vio_eval_ros.reports import REPORTS
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = ROOT / 'vio_eval_ros'
-README = (ROOT / 'README.md').read_text()
+REPLAY = (ROOT / 'docs' / 'replay.md').read_text()
 CONTRIBUTING = (ROOT / 'CONTRIBUTING.md').read_text()
 DOCUMENTS = [ROOT / 'README.md', ROOT / 'CONTRIBUTING.md', *sorted((ROOT / 'docs').glob('*.md'))]
 
 
 def options_table() -> str:
-    """Return the table of options as the README has it."""
+    """Return the table of options as the documentation has it."""
     lines = ['| option | default | meaning |', '|---|---|---|']
     for option in fields(EvaluationConfig):
         default = getattr(EvaluationConfig(), option.name)
@@ -38,7 +41,7 @@ def options_table() -> str:
 
 
 def test_the_table_of_options_is_that_of_the_code():
-    assert options_table() in README
+    assert options_table() in REPLAY
 
 
 def test_the_output_shown_is_the_output_printed():
@@ -46,15 +49,15 @@ def test_the_output_shown_is_the_output_printed():
     assert done.returncode == 0, transcript(done)
     # the last digit may differ between processors
     shown = re.sub(r'(\d)(?=\s|$|,|\))', '#', done.stdout.strip())
-    blocks = [re.sub(r'(\d)(?=\s|$|,|\))', '#', block.strip()) for block in README.split('```')]
+    blocks = [re.sub(r'(\d)(?=\s|$|,|\))', '#', block.strip()) for block in REPLAY.split('```')]
     assert shown in blocks
 
 
-def test_every_report_and_statement_is_in_the_readme():
+def test_every_report_and_statement_is_documented():
     for name in REPORTS:
-        assert f'`{name}`' in README
+        assert f'`{name}`' in REPLAY
     for name in STATEMENTS['file'] | STATEMENTS['topic']:
-        assert f'?{name}=' in README
+        assert f'?{name}=' in REPLAY
 
 
 def names_of(file: Path) -> set[str]:
@@ -124,3 +127,21 @@ def test_every_metric_named_in_the_documents_exists():
             document.read_text(),
         ):
             assert name in names, (document.name, name)
+
+
+@pytest.mark.slow
+def test_the_site_builds_without_a_warning(tmp_path):
+    pages = shutil.copytree(ROOT / 'docs', tmp_path / 'docs')
+    # links of the pages lead to these
+    shutil.copytree(ROOT / 'config', tmp_path / 'config')
+    done = subprocess.run(
+        [sys.executable, '-m', 'sphinx', '--quiet', '--fail-on-warning', pages, tmp_path / 'site'],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    first = (tmp_path / 'site' / 'index.html').read_text()
+    assert 'From vio.csv to a table in your paper' in first
+    assert 'https://fonts' not in first
+    found = (tmp_path / 'site' / 'searchindex.js').read_text()
+    assert 'loop_closure_gain' in found or 'loop_closure' in found
