@@ -8,7 +8,7 @@ from functools import cache, cached_property
 from typing import Any
 
 from vio_eval_ros.comparison.matrix import CellRun, Matrix
-from vio_eval_ros.comparison.verdicts import differences
+from vio_eval_ros.comparison.verdicts import Difference, differences
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.gates import Gate
 from vio_eval_ros.core.statistics import without_nan
@@ -49,6 +49,11 @@ class Comparison:
         return Matrix.of_runs(self.runs, self.chosen)
 
     @property
+    def differences(self) -> tuple[Difference, ...]:
+        """The difference of the best system from each other one by each metric, with verdicts."""
+        return differences(self.matrix)
+
+    @property
     def passed(self) -> bool | None:
         """Whether all were scored and no gate failed; None where there are no gates."""
         if self.unscored:
@@ -70,7 +75,7 @@ class Comparison:
                 for name, run in self.runs.items()
             ],
             'matrix': self.matrix.to_dict(),
-            'differences': [one.to_dict() for one in differences(self.matrix)],
+            'differences': [one.to_dict() for one in self.differences],
             'verdict': {True: 'pass', False: 'fail', None: None}[self.passed],
         }
         return {name: without_nan(value) for name, value in result.items()}

@@ -195,7 +195,7 @@ def _on_sequence(matrix: Matrix, metric: str, sequence: str, names: tuple[str, s
         why = (
             f'{found.pieces:.0f} of {found.pairs} errors are independent, {LEAST_PIECES} may tell'
             if found.pieces < LEAST_PIECES
-            else 'a few errors, much larger than the others, decide'
+            else 'a few errors make all of it'
         )
     return replace(
         told,
