@@ -24,6 +24,8 @@ IMAGES = ['Pillow']
 IMU = ['allantools', 'matplotlib', 'plotly']
 PANDAS = ['pandas']
 # its fields have said whether they are repeated since then
+# constrained layout with legends outside of the axes, and columns of legends
+PLOT = ['matplotlib>=3.7']
 PROTOBUF = ['protobuf>=6.31']
 PX4 = ['pyulog']
 # release 6 is another library under the same name
@@ -67,7 +69,11 @@ setup(
         'Typing :: Typed',
     ],
     packages=find_packages(include=[NAME, f'{NAME}.*']),
-    package_data={NAME: ['py.typed'], f'{NAME}.rendering': ['page.css', 'page.js']},
+    package_data={
+        NAME: ['py.typed'],
+        f'{NAME}.figures': ['paper.mplstyle'],
+        f'{NAME}.rendering': ['page.css', 'page.js'],
+    },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (f'share/{NAME}', ['package.xml']),
@@ -101,6 +107,7 @@ setup(
         'images': IMAGES,
         'imu': IMU,
         'pandas': PANDAS,
+        'plot': PLOT,
         'protobuf': PROTOBUF,
         'px4': PX4,
         'report': REPORT,
@@ -113,6 +120,7 @@ setup(
             *IMAGES,
             *IMU,
             *PANDAS,
+            *PLOT,
             *PROTOBUF,
             *PX4,
             *REPORT,

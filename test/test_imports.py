@@ -38,6 +38,7 @@ LAYERS = {
     'evaluation': {'core', 'diagnosis', 'recordings'},
     'comparison': {'core', 'evaluation', 'recordings', 'rendering'},
     'reports': {'core', 'comparison', 'evaluation', 'rendering'},
+    'figures': {'core', 'evaluation', 'rendering', 'reports'},
     'scoring': {
         'core',
         'comparison',

@@ -21,6 +21,7 @@ VERBS: dict[str, tuple[str, str]] = {
     'evaluator': ('vio_eval_ros.cli.evaluator', 'score a running estimator, live in ROS 2'),
     'replay': ('vio_eval_ros.cli.replay', 'score one recording or a pair of trajectory files'),
     'score': ('vio_eval_ros.cli.score', 'score a suite of runs against gates and a baseline'),
+    'plot': ('vio_eval_ros.cli.plot', 'draw figures of runs, ready for a paper'),
     'imu_noise': ('vio_eval_ros.cli.imu_noise', 'measure the noise of an IMU at rest'),
     'diagnose': ('vio_eval_ros.cli.diagnose', 'say why an estimate is bad'),
     'simulate': ('vio_eval_ros.cli.simulate', 'write a run with known truth and chosen faults'),
