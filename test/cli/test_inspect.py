@@ -164,9 +164,9 @@ def test_faults_are_named_worst_first_with_advice(harmed):
     (gap,) = found['findings'][0]['at']
     assert (gap['begin_ns'] - FIRST_NS, gap['end_ns'] - FIRST_NS) == (5 * 10**9, 55 * 10**8)
     text = inspect(harmed).stdout
-    assert text.index('FAIL  gap /imu0') < text.index('warn  dropped')
+    assert text.index('fail  gap /imu0') < text.index('warn  dropped')
     assert 'at 5.00 s' in text
-    assert text.splitlines()[2].split()[:2] == ['FAIL', '/imu0']
+    assert text.splitlines()[2].split()[:2] == ['fail', '/imu0']
 
 
 @pytest.mark.slow
@@ -217,7 +217,7 @@ def test_expectations_for_euroc_pass_and_fail(clean, harmed):
     assert words['stereo', 'max_skew_s'] == 'warn'
     assert words['cam0', 'rate_hz'] == 'pass'
     assert (
-        'FAIL  imu0 max_gap_s: expected at most 0.05 s, measured 0.5 s'
+        'fail  imu0 max_gap_s: expected at most 0.05 s, measured 0.5 s'
         in inspect(harmed, '--expect', EUROC).stdout
     )
 
@@ -229,7 +229,7 @@ def test_what_is_expected_must_not_fail_nor_drift(tmp_path):
     ]
     done = inspect(record(tmp_path / 'stuck', stuck), '--expect', EUROC)
     assert done.returncode == 1
-    assert 'FAIL  imu0 findings: expected no failing finding, found stuck' in done.stdout
+    assert 'fail  imu0 findings: expected no failing finding, found stuck' in done.stdout
     assert 'nothing is wrong' not in done.stdout
     drifting = [(at + (at - FIRST_NS) // 10**4, *rest) for at, *rest in flight()]
     words = {
@@ -258,7 +258,7 @@ def test_a_camera_that_is_recorded_but_sends_nothing_fails(tmp_path):
     page = tmp_path / 'page.html'
     done = inspect(path, '--expect', EUROC, '--report', f'html:{page}', '--fail-on', 'silent')
     assert done.returncode == 1
-    assert done.stdout.splitlines()[2].split()[:4] == ['FAIL', CAMERAS[1], 'Image', '0']
+    assert done.stdout.splitlines()[2].split()[:4] == ['fail', CAMERAS[1], 'Image', '0']
     assert 'the topic was recorded, but has no messages' in page.read_text()
 
 

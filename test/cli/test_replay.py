@@ -124,7 +124,7 @@ def test_gates_decide_the_exit_status(flight):
     assert replay(*pair(flight), '--gate', 'ate_trans_rmse_m<=1').returncode == 0
     failed = replay(*pair(flight), '--gate', 'ate_trans_rmse_m<=1e-6')
     assert failed.returncode == 1
-    assert 'FAIL  ate_trans_rmse_m<=1e-06' in failed.stdout
+    assert 'fail  ate_trans_rmse_m<=1e-06' in failed.stdout
     # 20 s of flight are too short for KITTI's segments: null never passes
     assert replay(*pair(flight), '--gate', 'kitti_trans_percent<=100').returncode == 1
 

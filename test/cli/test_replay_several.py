@@ -124,7 +124,7 @@ def test_where_none_can_be_scored_it_could_not_be_done(flight):
 def test_gates_hold_for_each_system(flight):
     done = replay(*estimates(flight, 'poor', 'good'), '--gate', 'ate_trans_rmse_m<=0.2')
     assert done.returncode == 1
-    assert 'FAIL  poor: ate_trans_rmse_m<=0.2' in done.stdout
+    assert 'fail  poor: ate_trans_rmse_m<=0.2' in done.stdout
     assert 'pass  good: ate_trans_rmse_m<=0.2' in done.stdout
 
 

@@ -225,7 +225,7 @@ def test_noise_passes_and_what_got_worse_fails_by_the_baseline(flights, baseline
     assert all(gate['passed'] for gate in worse['gates'])
     done = score(flights / 'worse.yaml', '--baseline', baseline)
     assert done.returncode == 1
-    assert f'a: FAIL {ATE} rose from ' in done.stdout
+    assert f'a: fail {ATE} rose from ' in done.stdout
 
 
 def test_a_baseline_does_not_depend_on_the_number_of_processes(flights, baseline, tmp_path):
@@ -388,7 +388,7 @@ def test_a_run_whose_process_dies_is_the_only_loss(flights, tmp_path):
     assert done.returncode == 1, transcript(done)
     assert done.stderr == ''
     assert 'a: equal/2.tum: the process that scored it died: Aborted' in done.stdout
-    assert 'a: FAIL success_rate is 0.8, the gate is success_rate>=1' in done.stdout
+    assert 'a: fail success_rate is 0.8, the gate is success_rate>=1' in done.stdout
 
 
 def alive(group: int) -> list[int]:

@@ -61,8 +61,8 @@ def test_names_decide_whether_a_report_has_failed(report):
 
 def test_the_text_has_streams_facts_expectations_findings_and_calibration(report):
     lines = text_document(report).splitlines()
-    assert lines[2].split()[:3] == ['FAIL', '/imu0', 'Imu']
-    assert 'FAIL  gap /imu0: silent once, for up to 0.505 s; 100 messages are missing' in lines
+    assert lines[2].split()[:3] == ['fail', '/imu0', 'Imu']
+    assert 'fail  gap /imu0: silent once, for up to 0.505 s; 100 messages are missing' in lines
     assert 'warn  cam rate_hz: expected 30 Hz ± 1 %, measured 20 Hz' in lines
     assert 'info  left_out: /lidar cannot be read' in lines
     assert any(line.startswith('IMU samples per image  10') for line in lines)

@@ -247,7 +247,7 @@ def test_latex_has_a_dash_for_what_is_unknown():
 
 def test_text_names_every_gate_and_warning(failing):
     text = text_report(failing)
-    assert 'FAIL  ate_trans_rmse_m<=1e-09' in text
+    assert 'fail  ate_trans_rmse_m<=1e-09' in text
     assert 'pass  coverage_ratio>=0.9' in text
     assert 'drift over 10m' in text
     for warning in failing.summary.warnings:

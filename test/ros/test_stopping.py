@@ -170,4 +170,4 @@ def test_the_verdict_is_that_of_all_runs(graph, ros, evaluator, flight, tmp_path
         ros.send(truth, flight.ground_truth)
         graph.wait_for('streams', 'any', ground_truth_received=1000 * loop)
     said = node.stop(status=1)
-    assert said.count('FAIL coverage_ratio>=0.9 (is 0.') == 1
+    assert said.count('fail coverage_ratio>=0.9 (is 0.') == 1

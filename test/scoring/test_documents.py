@@ -256,11 +256,11 @@ def test_markdown_has_a_row_for_each_sequence_worst_first(result):
     assert cells['baseline'] == '0.11'
     assert cells['change'] == '+90.9 %'
     assert cells['p'] == '0.05'
-    assert cells['verdict'] == 'FAIL'
+    assert cells['verdict'] == 'fail'
     assert dict(zip(head, body[2], strict=True))['band'] == 'good'
     text = SUITE_REPORTS['markdown'](result)
     assert '2 of 3 sequences failed' in text.splitlines()[0]
-    assert '- **new**: FAIL' in text
+    assert '- **new**: fail' in text
     assert '- new: not in the baseline' in text
 
 
@@ -279,9 +279,9 @@ def test_the_terminal_has_the_table_and_the_reasons(result, hostile):
     lines = suite_text(result).splitlines()
     assert lines[0].split()[:3] == ['sequence', 'runs', 'ATE']
     assert [line.split()[0] for line in lines[2:5]] == ['worse', 'new', 'good']
-    assert lines[-1] == 'FAIL: 2 of 3 sequences failed'
+    assert lines[-1] == 'fail: 2 of 3 sequences failed'
     assert any(
-        'worse: FAIL ate_trans_rmse_m rose from 0.11 to 0.21 m (p = ' in line for line in lines
+        'worse: fail ate_trans_rmse_m rose from 0.11 to 0.21 m (p = ' in line for line in lines
     )
     assert 'worse: warn ate_trans_rmse_m is 0.21, the gate is ate_trans_rmse_m<=0.1' in lines
     assert 'note: gone: in the baseline, but not scored' in lines
@@ -327,7 +327,7 @@ def test_runs_that_are_not_in_a_figure_are_not_counted_beside_it(lab):
     assert (cells['a']['runs'], cells['b']['runs']) == ('2 of 3', '0 of 1')
     assert cells['b']['change'] == ''
     assert 'nan' not in suite_text(result)
-    assert f'b: FAIL {ATE} has no value in 1 of 1 runs, was 0.1 m' in suite_text(result)
+    assert f'b: fail {ATE} has no value in 1 of 1 runs, was 0.1 m' in suite_text(result)
 
 
 def test_no_name_is_a_formula_a_link_or_an_argument(lab):

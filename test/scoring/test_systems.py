@@ -128,7 +128,7 @@ def test_the_table_shows_holes_failures_and_what_the_mean_is_over(folder, lab):
     assert 'one, good: 1 of 3 runs: tracked_ratio is 0.4987, not >= 0.9' in text
     assert "poor: no run of two: nothing matches 'runs/poor/two/*.tum' in" in text
     assert 'no mean of ATE [m]: on every sequence some system has failed or no run' in text
-    assert text.endswith('FAIL: 3 of 6 sequences x systems failed\n')
+    assert text.endswith('fail: 3 of 6 sequences x systems failed\n')
 
 
 @pytest.mark.slow

@@ -13,7 +13,6 @@ from vio_eval_ros.inspection.report import Report
 from vio_eval_ros.rendering.text import number, printable
 
 # what stands out is in capitals
-WORDS = {'pass': 'pass', 'info': 'info', 'warn': 'warn', 'fail': 'FAIL'}
 COLUMNS = (
     '', 'topic', 'type', 'messages', 'rate [Hz]', 'jitter [ms]', 'missing', 'longest [s]',
     'latency [ms]', 'drift [ppm]',
@@ -38,8 +37,7 @@ def text_document(report: Report) -> str:
     if report.expectations:
         lines.append('')
         lines += [
-            f'{WORDS[one.word]}  {one.stream} {one.check}: {one.message}'
-            for one in report.expectations
+            f'{one.word}  {one.stream} {one.check}: {one.message}' for one in report.expectations
         ]
     for finding in report.findings:
         lines += ['', *_paragraph(report, finding)]
@@ -55,7 +53,7 @@ def table_rows(report: Report) -> list[list[str]]:
     """Return the cells of all streams, as COLUMNS has them, the worst first."""
     silent = [
         [
-            WORDS[report.word_of(one.topic)],
+            report.word_of(one.topic),
             printable(one.topic),
             _type(one.msgtype),
             '0',
@@ -64,7 +62,7 @@ def table_rows(report: Report) -> list[list[str]]:
         for one in report.inspection.silent
     ]
     rows = [*silent, *(row(report, one) for one in report.streams)]
-    return sorted(rows, key=lambda cells: ('FAIL', 'warn', 'pass').index(cells[0]))
+    return sorted(rows, key=lambda cells: ('fail', 'warn', 'pass').index(cells[0]))
 
 
 def _type(msgtype: str) -> str:
@@ -82,7 +80,7 @@ def row(report: Report, one: MeasuredStream) -> list[str]:
             ppm = round(compared.drift_ppm, 1) + 0.0  # -0.0 is 0.0
             drift = f'{ppm:.1f} ± {NORMAL_95 * compared.drift_uncertainty_ppm:.1f}'
     return [
-        WORDS[report.word_of(one.stream.topic)],
+        report.word_of(one.stream.topic),
         printable(one.stream.topic),
         _type(one.stream.msgtype),
         f'{figures.count:,}',
@@ -140,7 +138,7 @@ def _felt(felt: Inertial) -> str:
 
 def _paragraph(report: Report, finding: Finding) -> Iterator[str]:
     """Yield a finding, when it was, and what to do about it."""
-    yield f'{WORDS[finding.level]}  {finding}'
+    yield f'{finding.level}  {finding}'
     if finding.moments and finding.level != 'info':
         yield f'      {times(report, finding)}'
     if finding.level != 'info':

@@ -20,7 +20,7 @@ from vio_eval_ros.rendering.page import badge, Html, page, tag, warnings
 from vio_eval_ros.rendering.text import escaped, number, printable
 from vio_eval_ros.reports.documents import gate_cases, junit
 from vio_eval_ros.reports.html import gate_rows, run_plots
-from vio_eval_ros.reports.text import described, headline, WORDS
+from vio_eval_ros.reports.text import described, headline
 
 #: drawn of each line of each system
 MOST_POINTS = 1000
@@ -43,7 +43,7 @@ def comparison_text(found: Comparison) -> str:
         *(f'warning: {text}' for text in cautions(found)),
     ]
     verdicts = [
-        f'{WORDS[verdict.word]}  {name}: {verdict.gate}  (is {number(verdict.value)})'
+        f'{verdict.word}  {name}: {verdict.gate}  (is {number(verdict.value)})'
         for name, result in found.results.items()
         for verdict in result.verdicts
     ]
@@ -77,7 +77,7 @@ def comparison_markdown(found: Comparison) -> str:
         '',
         markdown_tables(found.matrix) + markdown_verdicts(found.matrix),
         *(
-            f'- **FAIL** {escaped(name)}: `{verdict.gate}` (is {number(verdict.value)})'
+            f'- **fail** {escaped(name)}: `{verdict.gate}` (is {number(verdict.value)})'
             for name, result in found.results.items()
             for verdict in result.verdicts
             if verdict.word == 'fail'

@@ -20,12 +20,10 @@ RPE_LABELS = {
     'disp': 'displacement',
     'dist': 'distance',
 }
-# what needs attention is in capitals
 #: share of the ground truth before the first estimate that is worth a line
 LATE_RATIO = 0.01
 #: how metrics begin that are always given under several alignments, or as first published
 ALIGNED = tuple(f'ate_{mode}_' for mode in (*ALWAYS_ALIGNED, 'causal'))
-WORDS = {'pass': 'pass', 'warn': 'warn', 'fail': 'FAIL'}
 
 
 def text_report(result: Result) -> str:
@@ -63,7 +61,7 @@ def text_report(result: Result) -> str:
     lines += [f'warning: {warning}' for warning in summary.warnings[len(result.assumed) :]]
     if result.verdicts:
         lines += [''] + [
-            f'{WORDS[verdict.word]}  {verdict.gate}  (is {number(verdict.value)})'
+            f'{verdict.word}  {verdict.gate}  (is {number(verdict.value)})'
             for verdict in result.verdicts
         ]
     return '\n'.join(printable(line) for line in lines) + '\n'

@@ -47,7 +47,7 @@ from vio_eval_ros.recordings.agreement.orders import alone
 from vio_eval_ros.recordings.sources import read_sources
 from vio_eval_ros.rendering.text import number
 from vio_eval_ros.reports import REPORTS
-from vio_eval_ros.reports.text import headline, WORDS
+from vio_eval_ros.reports.text import headline
 from vio_eval_ros.ros.context import join
 from vio_eval_ros.ros.markers import Display
 from vio_eval_ros.ros.parameters import changed, declare, refuse_unknown
@@ -327,7 +327,7 @@ class Evaluator(Node):
             log.warning(note)
         for verdict in result.verdicts:
             if not verdict.passed:
-                log.warning(f'{WORDS[verdict.word]} {verdict.gate} (is {number(verdict.value)})')
+                log.warning(f'{verdict.word} {verdict.gate} (is {number(verdict.value)})')
 
     def _serve(self, name: str, do: Callable[[], str]) -> None:
         """Offer a service that answers with what was done, or why it could not be."""

@@ -59,7 +59,7 @@ def suite_text(result: SuiteResult) -> str:
         for name, is_caution, text in remarks(result)
     ]
     lines += [f'note: {note}' for note in result.notes]
-    lines.append(f'{"pass" if result.passed else "FAIL"}: {failed_of_all(result)}')
+    lines.append(f'{"pass" if result.passed else "fail"}: {failed_of_all(result)}')
     return '\n'.join(map(printable, lines)) + '\n'
 
 

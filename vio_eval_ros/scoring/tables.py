@@ -35,7 +35,7 @@ def row_of(one: SequenceResult) -> list[str]:
         percent(coverage.median) if coverage else '-',
         percent(one.metrics[SUCCESS_RATE].median),
         one.band or '',
-        ('warn' if warned else 'pass') if one.passed else 'FAIL',
+        ('warn' if warned else 'pass') if one.passed else 'fail',
     ]
 
 
@@ -120,14 +120,14 @@ def _missing(result: SuiteResult) -> Iterator[tuple[str, str]]:
 def judged(one: SequenceResult) -> Iterator[str]:
     """Yield the problems of a sequence but for those that only repeat that runs have failed."""
     told = set(unsuccessful(one))
-    repeated = {f'FAIL {broken_gate(g, v)}' for g, v in one.verdicts if g.gate.metric in FAILING}
+    repeated = {f'fail {broken_gate(g, v)}' for g, v in one.verdicts if g.gate.metric in FAILING}
     yield from (text for text in problems(one) if text not in (told | repeated if told else ()))
 
 
 def problems(one: SequenceResult) -> Iterator[str]:
     """Yield a sentence for each problem of a sequence, the most severe first."""
-    yield from (f'FAIL {broken_gate(g, v)}' for g, v in one.verdicts if v.word == 'fail')
-    yield from (f'FAIL {worse_metric(each)}' for each in one.comparisons or () if each.worse)
+    yield from (f'fail {broken_gate(g, v)}' for g, v in one.verdicts if v.word == 'fail')
+    yield from (f'fail {worse_metric(each)}' for each in one.comparisons or () if each.worse)
     yield from unsuccessful(one)
     failed = {gate.gate.metric for gate, verdict in one.verdicts if verdict.word == 'fail'}
     for gate, verdict in one.verdicts:
