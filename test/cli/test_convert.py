@@ -4,6 +4,8 @@ from dataclasses import replace
 from functools import partial
 import json
 
+from evo.core.filters import filter_by_motion
+from evo.core.trajectory import PoseTrajectory3D
 from evo.tools import file_interface as evo
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -128,6 +130,11 @@ def test_what_is_there_is_not_replaced_unless_forced(est, tmp_path):
     assert convert(est, out, '--force').returncode == 0
     assert read(out).stamps_ns.tolist() == RUN.estimate.stamps_ns.tolist()
     assert 'is an input' in complaint(out, out, '--force')
+    convert(est, tmp_path / 'k.kitti')
+    times = tmp_path / 'k_times.txt'
+    assert 'k_times.txt is an input' in complaint(
+        tmp_path / 'k.kitti', times, '--times', times, '--format', 'tum', '--force'
+    )
 
 
 @pytest.mark.parametrize(
@@ -135,6 +142,7 @@ def test_what_is_there_is_not_replaced_unless_forced(est, tmp_path):
     [
         (['a.foo'], "no format has the suffix '.foo'"),
         (['nowhere/a.tum'], 'there is no folder'),
+        (['a.mcap', '--topic', '/b ad'], 'is no name of a topic'),
         (['a.tum', '--every', '1.5'], 'expected a whole number'),
         (['a.tum', '--rate-hz', '0'], 'expected a number >='),
         (['a.tum', '--start-s', '100'], 'no pose is left'),
@@ -192,9 +200,20 @@ def test_fewer_poses():
     places = along[np.isin(poses.stamps_ns, moved.stamps_ns)]
     assert (np.diff(places) >= 0.5).all()
     assert np.diff(places).max() < 0.5 + np.diff(along).max()
-    turned = changes.after_motion(poses, np.inf, 10.0)
-    assert 2 < len(turned) < len(poses)
-    assert len(changes.after_motion(poses, 0.5, 10.0)) >= max(len(moved), len(turned))
+
+
+@pytest.mark.parametrize(('distance_m', 'angle_deg'), [(0.5, np.inf), (0.3, 8.0), (1e6, 25.0)])
+def test_the_motion_filter_keeps_what_that_of_evo_keeps(distance_m, angle_deg):
+    poses = RUN.ground_truth[::5]
+    found = changes.after_motion(poses, distance_m, angle_deg)
+    theirs = PoseTrajectory3D(
+        poses.positions, np.roll(poses.rotations, 1, axis=1), poses.stamps_ns / 1e9
+    )
+    kept = filter_by_motion(
+        theirs.poses_se3, distance_m, angle_deg if np.isfinite(angle_deg) else 1e9, degrees=True
+    )
+    assert found.stamps_ns.tolist() == poses.stamps_ns[kept].tolist()
+    assert 3 < len(found) < len(poses)
 
 
 def test_resampled_poses_are_at_the_other_stamps_and_bridge_no_gap():

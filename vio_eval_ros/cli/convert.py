@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 import math
 from pathlib import Path
+import re
 
 import numpy as np
 
@@ -27,6 +28,8 @@ from vio_eval_ros.rendering.text import printable
 from vio_eval_ros.settings import finite
 
 VERB = 'convert'
+#: names that ROS allows: tokens of letters, digits and underscores, which begin with no digit
+TOPIC = r'/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*'
 EXAMPLES = """
 changes, in this order: merge, crop, offset, axes, body, alignment, plane, stamps, fewer poses
 
@@ -102,6 +105,8 @@ def _parser() -> Parser:
 
 def _convert(arguments: argparse.Namespace) -> int:
     kind = format_of(arguments.out, arguments.format)
+    if not re.fullmatch(TOPIC, arguments.topic):
+        raise ConfigError(f"--topic: '{arguments.topic}' is no name of a topic, such as /pose")
     inputs = [*arguments.specs]
     others = [spec for spec in (arguments.align_to, arguments.resample_to) if spec]
     _check_out(arguments, kind)
@@ -110,9 +115,12 @@ def _convert(arguments: argparse.Namespace) -> int:
     check_times(arguments.times, sources)
     sources = [*map(alone, sources[: len(inputs)]), *sources[len(inputs) :]]
     read = dict(zip([*range(len(inputs)), *others], sources, strict=True))
-    for source in sources:
-        if any(path.resolve() == arguments.out.resolve() for path in source.paths):
-            raise ConfigError(f'{arguments.out} is an input; write to another file')
+    used = [path for source in sources for path in source.paths]
+    used += [arguments.times] if arguments.times else []
+    taken = {path.resolve() for path in used}
+    for path in files_of(arguments.out, kind):
+        if path.resolve() in taken:
+            raise ConfigError(f'{path} is an input; write to another file')
     parts = [_in_order(read[k], notes) for k in range(len(inputs))]
     poses = _changed(arguments, parts, sources[0], read, notes)
     if not len(poses):

@@ -26,6 +26,8 @@ AXES = {
     'ned': (((0, 1, 0), (1, 0, 0), (0, 0, -1)), ((1, 0, 0), (0, -1, 0), (0, 0, -1))),
     'camera': (((0, 0, 1), (-1, 0, 0), (0, -1, 0)), ((0, 0, 1), (-1, 0, 0), (0, -1, 0))),
 }
+#: poses that are looked at at first for one that is turned far enough; then twice as many
+FIRST_LOOK = 64
 PLANES = {'xy': 2, 'xz': 1, 'yz': 0}
 
 
@@ -79,25 +81,37 @@ def at_rate(poses: Trajectory, rate_hz: float) -> Trajectory:
 
 def after_motion(poses: Trajectory, distance_m: float, angle_deg: float) -> Trajectory:
     """
-    Return each pose that moved so far along the path, or turned so far, since the last one kept.
+    Return each pose that moved so far along the path, or is turned so far from the last one kept.
 
-    Turning accumulates from pose to pose as the path does.
+    Either is enough, as in evo's motion filter.
     """
     along = distances(poses.positions)
-    turned = np.zeros(len(poses))
+    unit = None
     if poses.rotations is not None and math.isfinite(angle_deg):
         unit = rotation.normalize(poses.rotations)
-        steps = np.degrees(rotation.angle_between(unit[1:], unit[:-1]))
-        turned[1:] = np.cumsum(steps)
     kept = [0] if len(poses) else []
     while kept:  # one step for each pose that is kept
-        far = np.searchsorted(along, along[kept[-1]] + distance_m)
-        round_ = np.searchsorted(turned, turned[kept[-1]] + angle_deg)
-        following = max(int(min(far, round_)), kept[-1] + 1)
+        last = kept[-1]
+        following = max(int(np.searchsorted(along, along[last] + distance_m)), last + 1)
+        if unit is not None:
+            following = min(following, _first_turned(unit, last, following, angle_deg))
         if following >= len(poses):
             break
         kept.append(following)
     return poses[np.array(kept, int)]
+
+
+def _first_turned(unit: np.ndarray, last: int, stop: int, angle_deg: float) -> int:
+    """Return the first of the poses up to ``stop`` that is turned so far from the last one."""
+    begin, count = last + 1, FIRST_LOOK
+    while begin < min(stop, len(unit)):
+        end = min(begin + count, stop, len(unit))
+        angles = np.degrees(rotation.angle_between(unit[begin:end], unit[last]))
+        far = np.flatnonzero(angles >= angle_deg)
+        if len(far):
+            return begin + int(far[0])
+        begin, count = end, 2 * count
+    return stop
 
 
 def resampled(poses: Trajectory, stamps_ns: np.ndarray, max_gap_s: float) -> Trajectory:
