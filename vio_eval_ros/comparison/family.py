@@ -142,9 +142,17 @@ def _separated(one: MetricComparison, orders: np.ndarray, usual: _Spreads) -> np
     """
     sign, size = worse_sign(one.rule.metric), len(one.sides[1])
     values = finite_values(*one.sides)[orders]
-    medians = np.median(values[:, :size], axis=1) - np.median(values[:, size:], axis=1)
+    new_median, old_median = (
+        np.median(side, axis=1) for side in (values[:, :size], values[:, size:])
+    )
+    rule = one.rule
+    # by the baseline of each division: else the true one would be judged by other limits
+    allowed = np.maximum(rule.relative * np.abs(old_median), rule.absolute)
+    if rule.mad:
+        deviations = np.abs(values[:, size:] - old_median[:, None])
+        allowed = np.maximum(allowed, rule.mad * np.median(deviations, axis=1))
     separations = np.zeros(len(orders))
-    beyond = np.flatnonzero(sign * medians > one.allowed * (1 + 1e-12))
+    beyond = np.flatnonzero(sign * (new_median - old_median) > allowed * (1 + 1e-12))
     beyond = beyond if one.beyond == (0 in beyond) else np.union1d(beyond, [0])
     logarithms = one.logarithms[orders[beyond]]
     new, old = logarithms[:, :size], logarithms[:, size:]
