@@ -2,16 +2,18 @@
 
 from dataclasses import replace
 
+from matplotlib.figure import Figure
 import numpy as np
 import pytest
 
 from verbs import call
 from vio_eval_ros import evaluate
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.figures.catalogue import draw, FIGURES, pages, rendered
+from vio_eval_ros.figures.catalogue import draw, FIGURES, pages
+from vio_eval_ros.figures.overview import spread
 from vio_eval_ros.figures.style import theme
 from vio_eval_ros.figures.systems import systems_of
-from vio_eval_ros.rendering.palette import COLOURS
+from vio_eval_ros.rendering.palette import COLOURS, look
 from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.simulation import simulate
 
@@ -85,9 +87,8 @@ def test_positions_over_time_are_those_of_the_result(result):
     aligned = alignment.positions(pairs.estimate.positions)
     for axis, of in enumerate(lines('xyz', {'VIO': result})):
         assert np.array_equal(of['VIO'].get_ydata(), aligned[:, axis])
-        assert np.array_equal(
-            of['ground truth'].get_ydata(), pairs.ground_truth.positions[:, axis]
-        )
+        assert np.array_equal(of['ground truth'].get_ydata(), result.truth.positions[:, axis])
+        assert np.allclose(of['ground truth'].get_xdata()[[0, -1]], [0.0, 30.0], atol=0.2)
 
 
 def test_errors_over_time_are_those_of_the_result(result):
@@ -139,9 +140,9 @@ def test_a_system_has_its_colour_in_every_figure(result):
 def test_files_are_the_same_each_time_and_embed_their_fonts(result):
     runs = {'VIO': result}
     for form, begin in (('pdf', b'%PDF'), ('svg', b'<?xml'), ('png', b'\x89PNG')):
-        content = rendered('errors', runs, form)
+        content = pages(['errors'], runs, form)
         assert content.startswith(begin)
-        assert content == rendered('errors', runs, form)
+        assert content == pages(['errors'], runs, form)
     document = pages(['errors', 'rpe'], runs)
     assert b'/FontFile2' in document
     assert document.count(b'/Type /Page ') == 2
@@ -195,3 +196,42 @@ def test_what_plot_cannot_do_is_one_line(options, problem, files, tmp_path):
     assert done.returncode == 2
     assert problem in done.stderr
     assert done.stderr.count('\n') == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('form', ['png', 'svg', 'pdf'])
+@pytest.mark.parametrize('verb', ['replay', 'diagnose'])
+def test_verbs_write_an_overview(verb, form, files, tmp_path):
+    out = tmp_path / f'overview.{form}'
+    done = call(verb, *files, '--report', out)
+    assert (done.returncode, done.stderr) == (0, '')
+    assert out.stat().st_size > 10_000
+
+
+@pytest.mark.slow
+def test_a_suite_has_the_spread_of_its_runs_and_a_page_for_each_sequence(files, tmp_path):
+    for sequence in ('one', 'two'):
+        (tmp_path / f'{sequence}.txt').write_text(files[1].read_text())
+    suite = tmp_path / 'suite.yaml'
+    suite.write_text(
+        f'ground_truth: {files[3]}\n'
+        'sequences: [one, two]\n'
+        'systems:\n'
+        "  - {name: missing, estimate: 'none/{sequence}.txt'}\n"
+        "  - {name: VIO, estimate: '{sequence}.txt'}\n"
+    )
+    out = tmp_path / 'suite.pdf'
+    assert call('score', suite, '--report', out, '--jobs', 1).returncode == 1
+    assert out.read_bytes().count(b'/Type /Page ') == 3
+
+
+def test_a_system_keeps_its_look_where_another_has_no_result(result):
+    (system,) = systems_of({'B': result}, ['A', 'B'])
+    assert system.look == look(1)
+
+
+def test_a_run_that_failed_is_not_a_gap():
+    figure = Figure()
+    values = {'V1': {'A': np.array([0.1, np.nan]), 'B': np.array([np.nan]), 'C': np.empty(0)}}
+    spread(figure, values, 'ATE [m]')
+    assert [text.get_text() for text in figure.axes[0].texts] == ['1 failed', 'failed', 'no run']

@@ -24,6 +24,9 @@ from vio_eval_ros.diagnosis.recorded import diagnose_sources, read_gyroscope, re
 from vio_eval_ros.diagnosis.report import Diagnosis
 from vio_eval_ros.diagnosis.signals import lag_of_signals
 from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE
+from vio_eval_ros.evaluation.recorded import score_run
+from vio_eval_ros.figures.reports import FORMATS, overview_picture
+from vio_eval_ros.figures.style import check_installed
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.rendering.text import printable
 
@@ -68,7 +71,7 @@ def _parser() -> Parser:
         help='only measure the lag between two signals, files of time and value',
     )
     output = parser.add_argument_group('output')
-    add_reports(output, REPORTS)
+    add_reports(output, [*REPORTS, *FORMATS])
     output.add_argument(
         '--apply',
         action='store_true',
@@ -90,7 +93,8 @@ def _run(arguments: argparse.Namespace) -> int:
     failing = _failing(arguments.fail_on)
     config = config_of(arguments)
     limits = chosen_limits(arguments, VERB, DiagnosisLimits)
-    targets = [Target.parse(text, REPORTS) for text in arguments.report]
+    targets = [Target.parse(text, [*REPORTS, *FORMATS]) for text in arguments.report]
+    check_installed(target.format for target in targets)
     estimate, truth = sources_of(arguments, arguments.estimate)
     check_targets(targets, [*estimate.paths, *truth.paths], arguments.json)
     rates = None
@@ -102,7 +106,13 @@ def _run(arguments: argparse.Namespace) -> int:
     command = _command(arguments, diagnosis, estimate, truth, config)
     title = f'{estimate.spec} against {truth.spec}'
     done = [
-        written(VERB, target, partial(REPORTS[target.format], diagnosis, title, command))
+        written(
+            VERB,
+            target,
+            partial(_picture, estimate, truth, config, target.format)
+            if target.format in FORMATS
+            else partial(REPORTS[target.format], diagnosis, title, command),
+        )
         for target in targets
     ]
     if arguments.json:
@@ -140,6 +150,12 @@ REPORTS: dict[str, Callable[[Diagnosis, str, str], str]] = {
     'markdown': diagnosis_markdown,
     'html': diagnosis_html,
 }
+
+
+def _picture(estimate: Source, truth: Source, config: EvaluationConfig, file_format: str) -> bytes:
+    """Return figures of the run as it is, in which the causes can be seen."""
+    result = score_run(estimate, truth, config, hashed=False)
+    return overview_picture(file_format, {'estimate': result})
 
 
 def _failing(listed: str | None) -> set[str]:

@@ -14,7 +14,7 @@ from vio_eval_ros.comparison.comparison import compared, scorer
 from vio_eval_ros.comparison.matrix import default_metrics
 from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE
 from vio_eval_ros.evaluation.result import Result
-from vio_eval_ros.figures.catalogue import check_figures, FIGURES, FORMATS, pages, rendered
+from vio_eval_ros.figures.catalogue import check_figures, FIGURES, FORMATS, pages
 from vio_eval_ros.figures.style import theme, WIDTHS
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.rendering.files import make_writable
@@ -89,14 +89,19 @@ def _plot(arguments: argparse.Namespace) -> int:
             f'--out {arguments.out}: write a folder, or a file that ends in .{", .".join(FORMATS)}'
         )
     results, inputs, complete_ = _results(arguments)
-    options = {'columns': arguments.width, 'style': arguments.theme}
+    order = list(named_estimates(arguments))
+    options = {
+        'columns': arguments.width,
+        'style': arguments.theme,
+        'order': order or ['estimate'],
+    }
     if into_file:
         targets = {target: partial(pages, names, results, target.format, **options)}
     else:
         make_writable(arguments.out)
         targets = {
             Target.of(arguments.format, arguments.out / f'{name}.{arguments.format}'): partial(
-                rendered, name, results, arguments.format, **options
+                pages, [name], results, arguments.format, **options
             )
             for name in names
         }

@@ -14,7 +14,7 @@ from vio_eval_ros.cli.completion import complete
 from vio_eval_ros.cli.inputs import add_inputs, each_source_of, named_estimates, sources_of
 from vio_eval_ros.cli.shell import add_options, complain, config_of, Parser, run
 from vio_eval_ros.cli.targets import add_reports, check_targets, show, Target, written
-from vio_eval_ros.comparison.comparison import compared, scorer
+from vio_eval_ros.comparison.comparison import compared, Comparison, scorer
 from vio_eval_ros.comparison.matrix import check_metrics, default_metrics
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names
@@ -24,6 +24,8 @@ from vio_eval_ros.core.series import running_series
 from vio_eval_ros.core.statistics import STATISTICS
 from vio_eval_ros.errors import ConfigError, FAILED, NoPairs, PASSED, UNABLE, VioEvalError
 from vio_eval_ros.evaluation.result import Result
+from vio_eval_ros.figures.reports import FORMATS, overview_picture
+from vio_eval_ros.figures.style import check_installed
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.reports import REPORTS
@@ -35,6 +37,25 @@ from vio_eval_ros.scoring.stack import Stack, STACK_KEYS
 from vio_eval_ros.settings import gates_of
 
 SERIES = ('csv',)
+
+
+def _picture_of_one(file_format: str, result: Result) -> bytes:
+    return overview_picture(file_format, {'estimate': result})
+
+
+def _picture(file_format: str, found: Comparison) -> bytes:
+    return overview_picture(file_format, found.results, list(found.runs))
+
+
+#: reports of one estimate, and of several
+RENDERERS: dict[str, Callable[[Result], str | bytes]] = {
+    **REPORTS,
+    **{name: partial(_picture_of_one, name) for name in FORMATS},
+}
+COMPARISON_RENDERERS: dict[str, Callable[[Comparison], str | bytes]] = {
+    **COMPARISON_REPORTS,
+    **{name: partial(_picture, name) for name in FORMATS},
+}
 HASHED = ('json', 'html', 'mcap', 'manifest')  # show the sha256 of the inputs
 RUNNING = ('mcap',)  # shows the running values
 EXAMPLES = f"""
@@ -69,7 +90,7 @@ def _parser() -> Parser:
     )
     add_inputs(parser, several=True)
     output = parser.add_argument_group('output')
-    add_reports(output, REPORTS)
+    add_reports(output, RENDERERS)
     metric = output.add_argument(
         '--metric',
         nargs='+',
@@ -147,6 +168,7 @@ def _replay(arguments: argparse.Namespace) -> int:
     if arguments.metric:
         raise ConfigError('--metric needs several estimates: --estimate NAME=SPEC for each system')
     outputs = _outputs(arguments)
+    check_installed(target.format for target, _ in outputs)
     estimate, truth = sources_of(arguments, next(iter(named.values()), None))
     targets = [target for target, _ in outputs]
     inputs = [*estimate.paths, *truth.paths, *_documents(arguments)]
@@ -175,7 +197,8 @@ def _compare(
     if arguments.series or arguments.manifest or any(map(bool, _provenance(arguments))):
         raise ConfigError('--series and --manifest are of one estimate; give only one')
     check_metrics(arguments.metric, metric_names(config))
-    targets = [Target.parse(text, COMPARISON_REPORTS) for text in arguments.report]
+    targets = [Target.parse(text, COMPARISON_RENDERERS) for text in arguments.report]
+    check_installed(target.format for target in targets)
     estimates, truth = each_source_of(arguments, named)
     read = [one for one in estimates.values() if isinstance(one, Source)]
     inputs = [*(path for one in (*read, truth) for path in one.paths), *_documents(arguments)]
@@ -186,7 +209,7 @@ def _compare(
     for name, why in found.unscored.items():
         complain('replay', f'{name} could not be scored: {why}')
     done = [
-        written('replay', target, partial(COMPARISON_REPORTS[target.format], found))
+        written('replay', target, partial(COMPARISON_RENDERERS[target.format], found))
         for target in targets
     ]
     summary = COMPARISON_REPORTS['json'] if arguments.json else comparison_text
@@ -232,8 +255,8 @@ def _outputs(
     arguments: argparse.Namespace,
 ) -> list[tuple[Target, Callable[[Result], str | bytes]]]:
     """Return each file to write, and what makes its content."""
-    reports = [Target.parse(text, REPORTS) for text in arguments.report]
-    outputs = [(target, REPORTS[target.format]) for target in reports]
+    reports = [Target.parse(text, RENDERERS) for text in arguments.report]
+    outputs = [(target, RENDERERS[target.format]) for target in reports]
     if arguments.series:
         target = Target.parse(arguments.series, SERIES)
         outputs.append((target, lambda result: series_csv(result.series)))

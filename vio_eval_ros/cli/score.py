@@ -6,10 +6,13 @@ import argparse
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+import math
 import os
 from pathlib import Path
 import sys
 from typing import Any
+
+import numpy as np
 
 from vio_eval_ros.cli.completion import complete
 from vio_eval_ros.cli.shell import complain, Parser, run
@@ -18,6 +21,9 @@ from vio_eval_ros.comparison.matrix import check_metrics
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE
+from vio_eval_ros.evaluation.result import Result
+from vio_eval_ros.figures.reports import FORMATS, suite_picture
+from vio_eval_ros.figures.style import check_installed
 from vio_eval_ros.rendering.text import printable
 from vio_eval_ros.scoring.baseline import Baseline, CONDITIONS, definition_sha256
 from vio_eval_ros.scoring.documents import SUITE_REPORTS, suite_text
@@ -53,7 +59,7 @@ def _parser() -> Parser:
     _add_selection(parser)
     _add_baseline(parser.add_argument_group('baseline'))
     output = parser.add_argument_group('output')
-    add_reports(output, SUITE_REPORTS)
+    add_reports(output, [*SUITE_REPORTS, *FORMATS])
     output.add_argument(
         '--manifest',
         type=Path,
@@ -166,10 +172,19 @@ def _check_metrics(metrics: Sequence[str], suite: Suite) -> None:
 
 def _outputs(
     arguments: argparse.Namespace, suite: Suite
-) -> list[tuple[Target, Callable[[SuiteResult], str]]]:
+) -> list[tuple[Target, Callable[[SuiteResult], str | bytes]]]:
     """Return each file to write, and what makes its text."""
-    targets = [Target.parse(text, SUITE_REPORTS) for text in arguments.report]
-    outputs = [(target, SUITE_REPORTS[target.format]) for target in targets]
+    targets = [Target.parse(text, [*SUITE_REPORTS, *FORMATS]) for text in arguments.report]
+    check_installed(target.format for target in targets)
+    outputs: list[tuple[Target, Callable[[SuiteResult], str | bytes]]] = [
+        (
+            target,
+            partial(_picture, file_format=target.format)
+            if target.format in FORMATS
+            else SUITE_REPORTS[target.format],
+        )
+        for target in targets
+    ]
     if arguments.record_baseline is not None:
         outputs.append((Target.of('baseline', arguments.record_baseline), _recorded))
     manifest = arguments.manifest or suite.manifest
@@ -179,6 +194,22 @@ def _outputs(
     inputs = [arguments.suite, *([arguments.baseline] if arguments.baseline else []), *suite.paths]
     check_targets([target for target, _ in outputs], inputs, arguments.json)
     return outputs
+
+
+def _picture(result: SuiteResult, file_format: str) -> bytes:
+    """Return the ATE of all runs and, as PDF, figures of the first runs of each sequence."""
+    metric = 'ate_trans_rmse_m'
+    values: dict[str, dict[str, np.ndarray]] = {}
+    drawn: dict[str, dict[str, Result]] = {}
+    for one in result.sequences:
+        found = [run.result for run in one.runs if not run.run.problem]
+        values.setdefault(one.sequence.name, {})[one.sequence.system] = np.array(
+            [math.nan if of is None else of.summary.metrics[metric] for of in found]
+        )
+        able = [of for of in found if of and math.isfinite(of.summary.metrics[metric])]
+        if able:
+            drawn.setdefault(one.sequence.name, {})[one.sequence.system] = able[0]
+    return suite_picture(values, 'ATE position, RMSE [m]', drawn, file_format)
 
 
 def _verify(arguments: argparse.Namespace) -> int:

@@ -65,6 +65,31 @@ def check_figures(names: Iterable[str]) -> None:
             raise ConfigError(f"there is no figure '{name}'{near}")
 
 
+class Page(NamedTuple):
+    """
+    A figure of some size.
+
+    :param width: inches, as ``height``.
+    :param fill: draws into the empty figure.
+    :param title: at its top; empty for none.
+    """
+
+    width: float
+    height: float
+    fill: Callable[[Figure], None]
+    title: str = ''
+
+    def drawn(self) -> Figure:
+        """Return the figure; its look is that of the :func:`theme` around the call."""
+        from matplotlib.figure import Figure
+
+        figure = Figure(figsize=(self.width, self.height), layout='constrained')
+        if self.title:
+            figure.suptitle(self.title, parse_math=False)
+        self.fill(figure)
+        return figure
+
+
 def draw(name: str, runs: Mapping[str, Result | Sequence[Result]], columns: int = 1) -> Figure:
     """
     Return a figure; its look is that of the :func:`theme` around the call.
@@ -73,29 +98,14 @@ def draw(name: str, runs: Mapping[str, Result | Sequence[Result]], columns: int 
     :param columns: of the page that it spans, 1 or 2.
     :raises ConfigError: there is no such figure, or nothing to draw.
     """
+    return _page(name, systems_of(runs), columns).drawn()
+
+
+def _page(name: str, systems: Sequence[System], columns: int) -> Page:
     check_figures([name])
-    systems = systems_of(runs)
-    from matplotlib.figure import Figure
-
     kind, width = FIGURES[name], WIDTHS[columns]
-    height = kind.heights[columns - 1] * width
-    if kind.draw is error_path:
-        height *= len(systems)
-    figure = Figure(figsize=(width, height), layout='constrained')
-    kind.draw(figure, systems)
-    return figure
-
-
-def rendered(
-    name: str,
-    runs: Mapping[str, Result | Sequence[Result]],
-    file_format: str,
-    *,
-    columns: int = 1,
-    style: Path | None = None,
-) -> bytes:
-    """Return a figure as a file of one of :data:`FORMATS`; the rest as :func:`draw`."""
-    return pages([name], runs, file_format, columns=columns, style=style)
+    height = kind.heights[columns - 1] * width * (len(systems) if name == 'error_path' else 1)
+    return Page(width, height, lambda figure: kind.draw(figure, systems))
 
 
 def pages(
@@ -105,17 +115,28 @@ def pages(
     *,
     columns: int = 1,
     style: Path | None = None,
+    order: Sequence[str] = (),
 ) -> bytes:
-    """Return figures as the pages of one PDF, or one figure in another format."""
-    content = io.BytesIO()
-    with theme(style):
-        drawn = [draw(name, runs, columns) for name in names]
-        if file_format == 'pdf':
-            from matplotlib.backends.backend_pdf import PdfPages
+    """
+    Return figures as the pages of one PDF, or one figure in another of :data:`FORMATS`.
 
-            with PdfPages(content, metadata=METADATA['pdf']) as pdf:
-                for figure in drawn:
-                    pdf.savefig(figure)
-        else:
-            drawn[0].savefig(content, format=file_format, metadata=METADATA[file_format])
-    return content.getvalue()
+    Other parameters are those of :func:`draw`, :func:`theme` and :func:`systems_of`.
+    """
+    with theme(style):
+        systems = systems_of(runs, order)
+        return saved([_page(name, systems, columns) for name in names], file_format)
+
+
+def saved(content: Sequence[Page], file_format: str) -> bytes:
+    """Return pages as a file; only a PDF has more than one."""
+    file = io.BytesIO()
+    if file_format == 'pdf':
+        from matplotlib.backends.backend_pdf import PdfPages
+
+        with PdfPages(file, metadata=METADATA['pdf']) as pdf:
+            for page in content:
+                pdf.savefig(page.drawn())
+    else:
+        (page,) = content
+        page.drawn().savefig(file, format=file_format, metadata=METADATA[file_format])
+    return file.getvalue()

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vio_eval_ros.core.intervals import longest_tracked
 from vio_eval_ros.figures.style import legend, line_style, plain_name
 from vio_eval_ros.figures.systems import System
 from vio_eval_ros.rendering.palette import TRUTH
@@ -39,9 +38,9 @@ def projections(figure: Figure, systems: Sequence[System]) -> None:
 
 
 def draw_paths(axes: Axes, systems: Sequence[System], names: str) -> None:
-    """Draw truth and estimates along two axes, with equal scales and a scale bar."""
+    """Draw truth and estimates along two axes, with equal scales."""
     across, up = ('xyz'.index(name) for name in names)
-    outline = _outline(systems[0])
+    outline = systems[0].outline.y
     axes.plot(outline[:, across], outline[:, up], color=TRUTH, linewidth=1.4, alpha=0.55)
     for system in systems:
         line = system.path(system.run.estimate)
@@ -52,24 +51,14 @@ def draw_paths(axes: Axes, systems: Sequence[System], names: str) -> None:
 
 
 def label_places(axes: Axes, system: System, names: str) -> None:
-    """Label two axes of places, with equal scales and a scale bar."""
+    """Label two axes of places, with equal scales and, seen from above, a scale bar."""
     across, up = ('xyz'.index(name) for name in names)
     axes.set_xlabel(system.run.labels[across])
     axes.set_ylabel(system.run.labels[up])
     axes.set_aspect('equal', adjustable='datalim')
     axes.locator_params(nbins=4)
-    _scale_bar(axes, np.ptp(system.run.truth[:, across]))
-
-
-def _outline(system: System) -> np.ndarray:
-    """Return (N, 3) places of the truth, also where the estimate has none."""
-    run = system.run
-    if run.whole is None or len(run.whole) < 2:
-        return system.path(run.truth)
-    steps = np.diff(run.whole.stamps_ns) / 1e9
-    longest = longest_tracked(run.longest_s, float(np.median(steps)))
-    holes = np.flatnonzero(steps > longest) + 1
-    return np.insert(run.whole.positions - run.origin, holes, np.nan, axis=0)
+    if names == system.run.axes_from_above:
+        _scale_bar(axes, float(np.ptp(system.run.truth[:, across])))
 
 
 def _scale_bar(axes: Axes, extent: float) -> None:
@@ -85,8 +74,11 @@ def _scale_bar(axes: Axes, extent: float) -> None:
     bar.add_artist(Rectangle((0, 0), length, 0, edgecolor=TRUTH, linewidth=1.5, fill=False))
     text = TextArea(f'{length:g} m', textprops={'size': 6, 'color': TRUTH})
     packed = VPacker(children=[bar, text], align='center', pad=0, sep=1.5)
-    box = AnchoredOffsetbox(loc='lower right', child=packed, frameon=True, pad=0.2)
-    box.patch.set(edgecolor='none', alpha=0.8)
+    # above the axes, where it hides nothing
+    box = AnchoredOffsetbox(
+        loc='lower right', child=packed, frameon=False, pad=0.1, borderpad=0.1,
+        bbox_to_anchor=(1.0, 1.0), bbox_transform=axes.transAxes,
+    )  # fmt: skip
     axes.add_artist(box)
 
 
@@ -94,22 +86,37 @@ def error_path(figure: Figure, systems: Sequence[System]) -> None:
     """Draw each path in the colours of its errors of translation and of rotation."""
     oriented = any(system.oriented for system in systems)
     grid = figure.subplots(len(systems), 1 + oriented, squeeze=False)
+    # the same colour is the same error in all of them
+    hottest = [
+        max(_hottest(getattr(system.run, kind)) for system in systems)
+        for kind in ('errors', 'angles')
+    ]
     for row, system in zip(grid, systems, strict=True):
         if len(systems) > 1:
             row[0].set_title(plain_name(system), loc='left')
-        _coloured(figure, row[0], system, system.run.errors, 'position error [m]')
+        _coloured(figure, row[0], system, system.run.errors, hottest[0], 'position error [m]')
         if system.oriented:
-            _coloured(figure, row[1], system, system.run.angles, 'rotation error [deg]')
+            _coloured(
+                figure, row[1], system, system.run.angles, hottest[1], 'rotation error [deg]'
+            )
         elif oriented:
             row[1].set_axis_off()
 
 
-def _coloured(figure: Figure, axes: Axes, system: System, errors: np.ndarray, label: str) -> None:
+def _hottest(errors: np.ndarray) -> float:
+    """Return the error with the last colour: the 95th percentile, as in the HTML report."""
+    known = errors[np.isfinite(errors)]
+    return max(float(np.quantile(known, 0.95)), 1e-9) if len(known) else 1e-9
+
+
+def _coloured(
+    figure: Figure, axes: Axes, system: System, errors: np.ndarray, hottest: float, label: str
+) -> None:
     from matplotlib.collections import LineCollection
 
     names = system.run.axes_from_above
     across, up = ('xyz'.index(name) for name in names)
-    outline = _outline(system)
+    outline = system.outline.y
     axes.plot(outline[:, across], outline[:, up], color='#b5b9bf', linewidth=0.8)
     chosen = system.chosen
     places = (system.run.estimate - system.run.origin)[chosen][:, [across, up]]
@@ -118,7 +125,7 @@ def _coloured(figure: Figure, axes: Axes, system: System, errors: np.ndarray, la
     worst = np.maximum(errors[chosen][:-1], errors[chosen][1:])
     lines = LineCollection(list(pieces), linewidths=1.6, rasterized=len(pieces) > 1000)
     lines.set_array(worst[~system.run.gap_between(chosen)])
-    lines.set_clim(0.0, max(float(np.nanquantile(errors, 0.95)), 1e-9))
+    lines.set_clim(0.0, hottest)
     axes.add_collection(lines)
     axes.autoscale_view()
     bar = figure.colorbar(lines, ax=axes, extend='max', shrink=0.85, aspect=25, pad=0.02)

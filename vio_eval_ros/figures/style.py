@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
@@ -22,6 +22,18 @@ MARKS = 9
 #: of a legend
 INCHES_PER_LETTER = 0.056
 MISSING = "figures need matplotlib: pip install 'vio_eval_ros[plot]'"
+
+
+def check_installed(formats: Iterable[str]) -> None:
+    """
+    Check that reports of some formats can be drawn, before anything long is read.
+
+    :raises ConfigError: one is a picture, and matplotlib is not installed.
+    """
+    from importlib.util import find_spec
+
+    if not {'pdf', 'png', 'svg'}.isdisjoint(formats) and find_spec('matplotlib') is None:
+        raise ConfigError(MISSING)
 
 
 @contextmanager
@@ -85,18 +97,27 @@ def plain_name(system: System) -> str:
     return printable(system.name).replace('$', r'\$')
 
 
+def columns_of(figure: Figure, labels: Sequence[str]) -> int:
+    """Return how many columns of a legend fit into a figure."""
+    longest = max(map(len, labels))
+    fit = int(figure.get_figwidth() / (0.55 + INCHES_PER_LETTER * longest))
+    return max(min(fit, len(labels)), 1)
+
+
 def legend(figure: Figure, systems: Sequence[System], truth: bool = True) -> None:
-    """Draw one legend above all axes."""
+    """Draw one legend above all axes; a panel of a larger figure has that of the figure."""
+    from matplotlib.figure import SubFigure
     from matplotlib.lines import Line2D
 
+    if isinstance(figure, SubFigure):
+        return
     lines = [Line2D([], [], color=TRUTH, linewidth=1.4, alpha=0.55, label='ground truth')]
     lines = lines if truth else []
     for system in systems:
         style = line_style(system, len(systems), 1) | {'markevery': 1}
         lines.append(Line2D([], [], label=plain_name(system), **style))
-    longest = max(len(str(line.get_label())) for line in lines)
-    columns = max(int(figure.get_figwidth() / (0.55 + INCHES_PER_LETTER * longest)), 1)
+    columns = columns_of(figure, [str(line.get_label()) for line in lines])
     figure.legend(
-        handles=lines, loc='outside upper center', ncols=min(columns, len(lines)),
+        handles=lines, loc='outside upper center', ncols=columns,
         columnspacing=1.2, handletextpad=0.5,
     )  # fmt: skip

@@ -11,10 +11,12 @@ from typing import NamedTuple
 import numpy as np
 
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.intervals import longest_tracked
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.rendering.palette import Look, look
 from vio_eval_ros.reports.drawn_run import DrawnRun
+from vio_eval_ros.reports.plots import relative_samples
 
 #: drawn of each curve: more than a column of a paper can show
 MOST_POINTS = 4000
@@ -54,6 +56,11 @@ class System:
         """Whether there are errors of orientation."""
         return bool(np.isfinite(self.run.angles).any())
 
+    @cached_property
+    def has_relative_errors(self) -> bool:
+        """Whether the run is long enough for one of the configured deltas."""
+        return bool(relative_samples(self.result))
+
     def over_time(self, values: np.ndarray) -> Curve:
         """Return (N,) or (N, D) values of the pairs over time, without a line across gaps."""
         columns = values.reshape(len(values), -1)
@@ -76,6 +83,27 @@ class System:
             np.insert(x[chosen], holes, math.nan),
             np.insert(y[chosen], holes, math.nan, axis=0),
         )
+
+    @cached_property
+    def outline(self) -> Curve:
+        """Seconds and (N, 3) places of the truth, also where the estimate has none."""
+        run, whole = self.run, self.run.whole
+        if whole is None or len(whole) < 2:
+            return self._broken(run.seconds, run.truth - run.origin, self.chosen)
+        seconds = (whole.stamps_ns - (self.result.ground_truth.first_stamp_ns or 0)) / 1e9
+        steps = np.diff(seconds)
+        longest = longest_tracked(run.longest_s, float(np.median(steps)))
+        holes = np.flatnonzero(steps > longest) + 1
+        return Curve(
+            np.insert(seconds, holes, math.nan),
+            np.insert(whole.positions - run.origin, holes, math.nan, axis=0),
+        )
+
+    @property
+    def tracked_s(self) -> float:
+        """Seconds with pairs."""
+        steps = np.diff(self.run.seconds)
+        return float(steps[steps <= self.run.longest_s].sum())
 
     @cached_property
     def attitudes(self) -> tuple[np.ndarray, np.ndarray] | None:
@@ -104,11 +132,14 @@ class System:
         return np.asarray(3 * np.sqrt((turned**2).sum(axis=2)))
 
 
-def systems_of(runs: Mapping[str, Result | Sequence[Result]]) -> list[System]:
+def systems_of(
+    runs: Mapping[str, Result | Sequence[Result]], order: Sequence[str] = ()
+) -> list[System]:
     """
-    Return the systems in the order of the mapping, which gives each its look.
+    Return the systems, each with the look of its place.
 
     :param runs: a result, or those of several runs, by the name of the system.
+    :param order: of all systems, also those without a result; by default that of the mapping.
     :raises ConfigError: there is nothing to draw of one of them.
     """
     listed = {name: [of] if isinstance(of, Result) else list(of) for name, of in runs.items()}
@@ -118,9 +149,8 @@ def systems_of(runs: Mapping[str, Result | Sequence[Result]]) -> list[System]:
                 f'{name}: there is nothing to draw: too few pairs or too little motion to '
                 'align; leave this estimate out'
             )
-    return [
-        System(name, results, look(place)) for place, (name, results) in enumerate(listed.items())
-    ]
+    places = {name: place for place, name in enumerate(order or listed)}
+    return [System(name, results, look(places[name])) for name, results in listed.items()]
 
 
 def _euler_deg(q: np.ndarray | None) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
@@ -19,13 +19,18 @@ if TYPE_CHECKING:
 TIME = 'time [s]'
 MOST_MARKS = 50
 GAP = '#dcdfe3'
+TRUTH_STYLE: dict[str, Any] = {
+    'color': TRUTH, 'linewidth': 1.8, 'alpha': 0.55, 'label': 'ground truth',
+}  # fmt: skip
 
 
 def xyz(figure: Figure, systems: Sequence[System]) -> None:
     """Draw x, y and z over time, with the truth."""
     rows = figure.subplots(3, 1, sharex=True)
-    longest = max(systems, key=lambda system: len(system.run.seconds))
-    _three(rows, longest, longest.run.truth - longest.run.origin, None)
+    longest = max(systems, key=lambda system: system.tracked_s)
+    seconds, truth = longest.outline
+    for axes, column in zip(rows, truth.T, strict=True):
+        axes.plot(seconds, column, **TRUTH_STYLE)
     for system in systems:
         _three(rows, system, system.run.estimate - longest.run.origin, len(systems))
     for axes, label in zip(rows, longest.run.labels, strict=True):
@@ -39,7 +44,7 @@ def rpy(figure: Figure, systems: Sequence[System]) -> None:
     if not oriented:
         raise ConfigError('rpy: there are no orientations to draw; leave this figure out')
     rows = figure.subplots(3, 1, sharex=True)
-    longest = max(oriented, key=lambda system: len(system.run.seconds))
+    longest = max(oriented, key=lambda system: system.tracked_s)
     shared, _ = np.asarray(longest.attitudes)
     _three(rows, longest, shared, None)
     for system in oriented:
@@ -58,7 +63,7 @@ def _three(rows: Sequence[Axes], system: System, values: np.ndarray, count: int 
     for axes, column in zip(rows, values.T, strict=True):
         curve = system.over_time(column)
         if count is None:
-            axes.plot(*curve, color=TRUTH, linewidth=1.8, alpha=0.55, label='ground truth')
+            axes.plot(*curve, **TRUTH_STYLE)
         else:
             axes.plot(*curve, label=system.name, **line_style(system, count, len(curve.x)))
 

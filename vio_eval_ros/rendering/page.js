@@ -7,6 +7,7 @@ const options = {responsive: true, displaylogo: false, plotlyServerURL: '',
 const webgl = Boolean(document.createElement('canvas').getContext('webgl'));
 async function draw(box) {
   const {data, layout} = JSON.parse(box.nextElementSibling.textContent);
+  box.classList.toggle('spatial', Boolean(layout.scene));
   if (layout.scene && !webgl) {
     box.textContent = 'The view in 3-D needs WebGL, which this browser does not offer.';
     box.style.height = 'auto';
@@ -55,3 +56,11 @@ matchMedia('(prefers-color-scheme: dark)').addEventListener('change', () => {
     Plotly.relayout(box, {'font.color': ink()});
   }
 });
+// a page is printed in black on white, whatever the screen shows, and plots as wide as the paper
+function fit(colour) {
+  for (const box of document.querySelectorAll('.js-plotly-plot')) {
+    if (box.offsetParent) Plotly.relayout(box, {'font.color': colour, autosize: true});
+  }
+}
+addEventListener('beforeprint', () => fit('#1b1f24'));
+addEventListener('afterprint', () => fit(ink()));
