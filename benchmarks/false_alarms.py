@@ -46,7 +46,7 @@ RULE = Rule('ate_trans_rmse_m')
 MEDIAN_M = 0.08
 SEQUENCES, SECONDS = 500, 5.0
 #: of a suite, of systems and of single runs
-SUITE_SEQUENCES, SUITES, CHANGED_SUITES, SUITES_OF_SYSTEMS = 11, 400, 80, 600
+SUITE_SEQUENCES, SUITES, CHANGED_SUITES, SUITES_OF_SYSTEMS = 11, 600, 120, 600
 SUITE_METRICS = ('ate_trans_rmse_m', 'ate_rot_rmse_deg', 'rpe_1s_trans_rmse_m')
 MOST_FALSE_SUITES = 0.02
 SIMULATED_RUNS, RATE_HZ, RUN_S = 400, 20, 180
