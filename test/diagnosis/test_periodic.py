@@ -130,3 +130,24 @@ def test_an_even_circle_and_a_turn_on_the_spot_are_sound(radius_m):
     assert [cause.name for cause in found.causes] == []
     assert not any('different moments' in one for one in found.warnings)
     assert 'time_offset' in found.cannot_tell
+
+
+@pytest.mark.parametrize(
+    ('lever', 'scale'), [((0.3, 0, 0), 1.0), ((0.2, 0.2, 0.1), 1.0), ((0, 0, 0), 1.1)]
+)
+def test_on_a_circle_a_point_beside_the_body_and_a_scale_look_alike(lever, scale):
+    seconds = np.arange(0, 60, 0.05)
+    turn = 0.6 * seconds
+    still = np.zeros_like(turn)
+    positions = np.stack([3 * np.cos(turn), 3 * np.sin(turn), still], axis=1)
+    rotations = np.stack([still, still, np.sin(turn / 2), np.cos(turn / 2)], axis=1)
+    stamps_ns = (1.6e18 + seconds * 1e9).astype(np.int64)
+    noise = np.random.default_rng(0).normal(0, 0.002, positions.shape)
+    moved = scale * positions + rotation.rotate(rotations, np.array(lever, float)) + noise
+    found = diagnose(
+        Trajectory(stamps_ns, moved, rotations),
+        Trajectory(stamps_ns, positions, rotations),
+        EvaluationConfig(),
+    )
+    assert found.causes == ()
+    assert {'scale', 'lever_arm'} <= set(found.cannot_tell)

@@ -25,6 +25,8 @@ from vio_eval_ros.diagnosis.fitting import (
 #: over which displacements are compared
 BODY_MOTION_S = 0.5
 UP = np.array([0.0, 0.0, 1.0])
+#: what is left of displacements by one explanation, over what another leaves, where both hold
+AS_WELL = 1.2
 #: Gauss-Newton steps of a lever arm and the world of a truth without orientations ...
 WORLD_STEPS = 8
 #: ... and what is expected of lever arm [m], scale and its drift, lag [s], world [rad], heading
@@ -64,17 +66,21 @@ class Body:
     :param positions_late: seconds by which positions are of earlier moments than orientations,
         whatever the lever arm, or than those of a truth without orientations; to first order, and
         so too small where it is large.
+    :param lever_for_scale: whether a lever arm alone explains the displacements as well as a scale
+        alone does, as on a circle.
     """
 
     lever: np.ndarray
     lever_length: Estimated
     scale_drift: Estimated
     positions_late: Estimated
+    lever_for_scale: bool = False
 
     @classmethod
     def unknown(cls) -> Body:
         """Return that nothing is observable."""
-        return cls(np.zeros(3), *3 * [Estimated.unknown()])
+        nothing = Estimated.unknown()
+        return cls(np.zeros(3), nothing, nothing, nothing)
 
 
 def fit_body(pairs: Pairs, sensor: np.ndarray) -> Body:
@@ -120,7 +126,20 @@ def fit_body(pairs: Pairs, sensor: np.ndarray) -> Body:
         np.concatenate([design, earlier], axis=-1), displaced, np.append(prior, 100.0), fit.weights
     )
     late = Estimated(float(both.values[5]), both.uncertainty(5)).over(scale)
-    return Body(lever, length, drift, late)
+    return Body(lever, length, drift, late, _lever_for_scale(design, displaced, fit.weights))
+
+
+def _lever_for_scale(design: np.ndarray, displaced: np.ndarray, weights: np.ndarray) -> bool:
+    """Return whether a lever arm alone leaves no more of the displacements than a scale alone."""
+    true, rotated = design[..., :1], design[..., 2:]
+    scaled = least_squares(true, displaced, np.array([100.0]), weights)
+    moved = least_squares(rotated, displaced - true[..., 0], np.ones(3), weights)
+    left_by_scale = displaced - true[..., 0] * scaled.values[0]
+    left_by_lever = displaced - true[..., 0] - rotated @ moved.values
+    of_scale, of_lever = (
+        float(np.sum(weights[:, None] * left**2)) for left in (left_by_scale, left_by_lever)
+    )
+    return of_lever < AS_WELL**2 * of_scale
 
 
 def _fit_body_to_positions(pairs: Pairs) -> Body:

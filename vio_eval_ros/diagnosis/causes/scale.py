@@ -8,6 +8,8 @@ from typing import NamedTuple
 
 from vio_eval_ros.core.alignment import SCALED_MODES
 from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.rotation import lengths
+from vio_eval_ros.core.statistics import root_mean_square
 from vio_eval_ros.core.steps import path_of_changed_steps
 from vio_eval_ros.diagnosis.causes.cause import KnownCause, POSITION_ERRORS, template
 from vio_eval_ros.diagnosis.causes.measuring import Measuring
@@ -18,6 +20,8 @@ from vio_eval_ros.recordings.spec import LENGTH_UNITS
 
 PERCENT_PER_MINUTE = 100 * 60
 #: how near, as a share, the scale that a unit makes is
+#: of a point that may be tracked in place of the body
+LONGEST_LEVER_M = 2.0
 UNIT_TOLERANCE = 0.1
 UNIT_NAMES = {'mm': 'millimetres', 'cm': 'centimetres'}
 SIDES_IN_WORDS = {'estimate': 'the estimate', 'ground_truth': 'the ground truth'}
@@ -135,9 +139,26 @@ def measure(run: Measuring) -> None:
 def _scale(run: Measuring) -> Measurement:
     """Return the scale; its size is its logarithm, so that half is as far off as double."""
     scale = fit_scale(run.pairs())
+    measured = run.measured(SCALE, scale.value, scale.uncertainty)
+    if _may_be_a_lever_arm(run, scale.value):
+        return measured.as_unobservable()
     known = scale.uncertainty < scale.value
     return replace(
-        run.measured(SCALE, scale.value, scale.uncertainty),
+        measured,
         size=abs(math.log(scale.value)),
         size_uncertainty=-math.log1p(-scale.uncertainty / scale.value) if known else math.inf,
     )
+
+
+def _may_be_a_lever_arm(run: Measuring, scale: float) -> bool:
+    """
+    Return whether a point beside the body moves as if the scale were another.
+
+    On a circle it does, where the body turns with its path: a larger radius is a larger scale.
+    """
+    unusual = abs(scale - 1) > run.limits.scale_percent / 100
+    if not (unusual and run.body.lever_for_scale):
+        return False
+    path = run.pairs().ground_truth.positions
+    radius_m = root_mean_square(lengths(path - path.mean(axis=0)))
+    return abs(scale - 1) * radius_m < LONGEST_LEVER_M
