@@ -16,7 +16,7 @@ VENV_OPTIONS := --system-site-packages
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-offline test test-fast lint format bench accuracy schemas docs tables demo-recording clean
+.PHONY: help demo demo-offline test test-fast lint format bench accuracy schemas docs tables figures demo-recording clean
 
 help:  ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 18
@@ -70,6 +70,9 @@ schemas: $(RUNTIME)  ## write the JSON Schemas of YAML files again
 docs: $(TESTING)  ## build the documentation into build/docs, searchable, without a network
 	@$(VENV)/bin/sphinx-build --quiet --fail-on-warning --fresh-env docs build/docs
 	@echo 'The documentation is in build/docs/index.html'
+
+figures: $(TESTING)  ## draw the pictures of docs/figures.md again
+	@$(IN_VENV) docs/images/make_figures.py
 
 tables: $(RUNTIME)  ## write the tables of findings, causes and limits in docs/ again
 	@$(IN_VENV) docs/make_tables.py

@@ -13,6 +13,7 @@ from vio_eval_ros.rendering.palette import TRUTH
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.collections import LineCollection
     from matplotlib.figure import Figure
 
 SIDES = ('xy', 'xz', 'zy')
@@ -86,6 +87,7 @@ def error_path(figure: Figure, systems: Sequence[System]) -> None:
     """Draw each path in the colours of its errors of translation and of rotation."""
     oriented = any(system.oriented for system in systems)
     grid = figure.subplots(len(systems), 1 + oriented, squeeze=False)
+    labelled: list[LineCollection] = []
     # the same colour is the same error in all of them
     hottest = [
         max(_hottest(getattr(system.run, kind)) for system in systems)
@@ -94,13 +96,20 @@ def error_path(figure: Figure, systems: Sequence[System]) -> None:
     for row, system in zip(grid, systems, strict=True):
         if len(systems) > 1:
             row[0].set_title(plain_name(system), loc='left')
-        _coloured(figure, row[0], system, system.run.errors, hottest[0], 'position error [m]')
+        drawn = [_coloured(row[0], system, system.run.errors, hottest[0])]
         if system.oriented:
-            _coloured(
-                figure, row[1], system, system.run.angles, hottest[1], 'rotation error [deg]'
-            )
+            drawn.append(_coloured(row[1], system, system.run.angles, hottest[1]))
+            labelled = drawn
         elif oriented:
             row[1].set_axis_off()
+        else:
+            labelled = drawn
+    for k, lines in enumerate(labelled):
+        bar = figure.colorbar(
+            lines, ax=list(grid[:, k]), location='bottom', extend='max', shrink=0.9, aspect=30
+        )
+        bar.set_label(('position error [m]', 'rotation error [deg]')[k])
+        bar.outline.set_linewidth(0.4)  # type: ignore[operator]
 
 
 def _hottest(errors: np.ndarray) -> float:
@@ -109,9 +118,8 @@ def _hottest(errors: np.ndarray) -> float:
     return max(float(np.quantile(known, 0.95)), 1e-9) if len(known) else 1e-9
 
 
-def _coloured(
-    figure: Figure, axes: Axes, system: System, errors: np.ndarray, hottest: float, label: str
-) -> None:
+def _coloured(axes: Axes, system: System, errors: np.ndarray, hottest: float) -> LineCollection:
+    """Draw one path; return what has its colours."""
     from matplotlib.collections import LineCollection
 
     names = system.run.axes_from_above
@@ -128,7 +136,5 @@ def _coloured(
     lines.set_clim(0.0, hottest)
     axes.add_collection(lines)
     axes.autoscale_view()
-    bar = figure.colorbar(lines, ax=axes, extend='max', shrink=0.85, aspect=25, pad=0.02)
-    bar.set_label(label)
-    bar.outline.set_linewidth(0.4)  # type: ignore[operator]
     label_places(axes, system, names)
+    return lines

@@ -19,7 +19,7 @@ from vio_eval_ros.reports.drawn_run import DrawnRun
 from vio_eval_ros.reports.plots import relative_samples
 
 #: drawn of each curve: more than a column of a paper can show
-MOST_POINTS = 4000
+MOST_POINTS = 2000
 
 
 class Curve(NamedTuple):
