@@ -50,7 +50,7 @@ LAYERS = {
     },
     'live': {'core', 'diagnosis', 'evaluation', 'recordings', 'rendering', 'reports'},
 }
-LAYERS['results'] = LAYERS['live'] | {'comparison', 'imu', 'inspection'}
+LAYERS['results'] = LAYERS['live'] | {'comparison', 'figures', 'imu', 'inspection'}
 LAYERS['api'] = LAYERS['results'] | {'results'}
 SHELLS = {'ros', 'cli', '__main__', PACKAGE}
 ONLY_IN = {

@@ -33,6 +33,7 @@ from vio_eval_ros.reports.tables import pair_errors
 from vio_eval_ros.reports.text import headline, rows
 
 if TYPE_CHECKING:
+    from matplotlib.figure import Figure
     import pandas as pd
     import plotly.graph_objects as go
 
@@ -82,7 +83,7 @@ class Result(RunResult):
         if math.isnan(self.metrics['ate_trans_rmse_m']):
             raise ConfigError('there is nothing to draw: the alignment is not determined')
         try:
-            from plotly.graph_objects import Figure
+            from plotly.graph_objects import Figure as Interactive
         except ImportError:
             raise ConfigError("a plot needs plotly: pip install 'vio_eval_ros[report]'") from None
         from vio_eval_ros.reports import plots
@@ -96,7 +97,18 @@ class Result(RunResult):
         else:
             figure = (plots.path_3d if what == 'path_3d' else plots.path_from_above)(drawn)
             title = f'position error 0 (blue) to {drawn.hottest:.3g} m (red); grey: ground truth'
-        return Figure(figure).update_layout(title=title, margin_t=50)
+        return Interactive(figure).update_layout(title=title, margin_t=50)
+
+    def figure(self, name: str = 'top', columns: int = 1) -> Figure:
+        """
+        Return a figure for print, of matplotlib; ``.savefig('top.pdf')`` writes it.
+
+        :param name: one of those that ``vio_eval plot --help`` lists.
+        :param columns: of the page that it spans, 1 or 2.
+        :raises ConfigError: matplotlib is not installed, or there is no such figure or nothing to
+            draw.
+        """
+        return _figure(name, {'estimate': self}, ['estimate'], columns)
 
     def to_json(self) -> str:
         """Return the result in schema ``vio_eval_ros.result/1``."""
@@ -147,6 +159,10 @@ class Comparison(FoundComparison):
         }
         return indexed(columns, list(self.runs), 'system')
 
+    def figure(self, name: str = 'top', columns: int = 1) -> Figure:
+        """Return a figure of all systems with a result, as :meth:`Result.figure` does of one."""
+        return _figure(name, self.results, list(self.runs), columns)
+
     def to_json(self) -> str:
         """Return the comparison in schema ``vio_eval_ros.comparison/1``."""
         return COMPARISON_REPORTS['json'](self)
@@ -167,6 +183,21 @@ class Comparison(FoundComparison):
     def _repr_html_(self) -> str:
         """Return what a notebook shows: the table."""
         return joined([html_tables(self.matrix), html_verdicts(self.matrix)])
+
+
+def _figure(
+    name: str, results: Mapping[str, RunResult], order: Sequence[str], columns: int
+) -> Figure:
+    """Return a figure in the theme of the package."""
+    from vio_eval_ros.figures.catalogue import draw
+    from vio_eval_ros.figures.style import theme
+
+    if columns not in (1, 2):
+        raise ConfigError(f'columns: must be 1 or 2, not {columns}')
+    with theme():
+        figure = draw(name, results, columns, order)
+        figure.canvas.draw()  # what is laid out only when drawn takes the theme of now
+    return figure
 
 
 def _face(result: RunResult) -> Result:

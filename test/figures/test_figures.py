@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from verbs import call
-from vio_eval_ros import evaluate
+from vio_eval_ros import compare, evaluate
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.figures.catalogue import draw, FIGURES, pages
 from vio_eval_ros.figures.overview import spread
@@ -235,3 +235,13 @@ def test_a_run_that_failed_is_not_a_gap():
     values = {'V1': {'A': np.array([0.1, np.nan]), 'B': np.array([np.nan]), 'C': np.empty(0)}}
     spread(figure, values, 'ATE [m]')
     assert [text.get_text() for text in figure.axes[0].texts] == ['1 failed', 'failed', 'no run']
+
+
+def test_the_library_gives_figures(flight, result):
+    figure = result.figure('errors', columns=2)
+    assert figure.get_figwidth() == pytest.approx(7.16)
+    both = compare({'A': flight.estimate, 'B': flight.estimate}, flight.ground_truth)
+    drawn = {line.get_label() for line in both.figure('xyz').axes[0].lines}
+    assert drawn == {'ground truth', 'A', 'B'}
+    with pytest.raises(ConfigError, match="no figure 'erors'; did you mean 'errors'"):
+        result.figure('erors')

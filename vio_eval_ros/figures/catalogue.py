@@ -90,15 +90,21 @@ class Page(NamedTuple):
         return figure
 
 
-def draw(name: str, runs: Mapping[str, Result | Sequence[Result]], columns: int = 1) -> Figure:
+def draw(
+    name: str,
+    runs: Mapping[str, Result | Sequence[Result]],
+    columns: int = 1,
+    order: Sequence[str] = (),
+) -> Figure:
     """
     Return a figure; its look is that of the :func:`theme` around the call.
 
     :param runs: a result, or those of several runs, by the name of the system.
     :param columns: of the page that it spans, 1 or 2.
+    :param order: of all systems, also those without a result.
     :raises ConfigError: there is no such figure, or nothing to draw.
     """
-    return _page(name, systems_of(runs), columns).drawn()
+    return _page(name, systems_of(runs, order), columns).drawn()
 
 
 def _page(name: str, systems: Sequence[System], columns: int) -> Page:
