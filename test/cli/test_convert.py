@@ -9,6 +9,7 @@ from evo.core.trajectory import PoseTrajectory3D
 from evo.tools import file_interface as evo
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from jsonschema import Draft202012Validator
 import numpy as np
 import pytest
 
@@ -261,7 +262,8 @@ def test_on_a_plane_there_is_neither_height_nor_tilt():
 def test_facts_of_a_trajectory(est):
     done = info(est, est, '--json')
     found = json.loads(done.stdout)
-    assert found['schema'] == 'vio_eval_ros.info/1'
+    schema = json.loads((verbs.ROOT / 'docs/schema/info-1.json').read_text())
+    Draft202012Validator(schema).validate(found)
     one = found['trajectories'][0]
     steps = np.linalg.norm(np.diff(RUN.estimate.positions, axis=0), axis=1)
     assert one['poses'] == len(RUN.estimate)

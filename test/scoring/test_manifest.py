@@ -377,7 +377,7 @@ def test_gates_comparisons_and_verdicts_of_a_suite_are_in_its_manifest(judged):
 
 def test_rules_of_a_manifest_from_before_there_were_suites_judge_alone(folder, judged):
     (comparison,) = judged['sequences'][2]['comparisons']
-    assert comparison['rule'].pop('p_adjusted') == 0.02
+    assert comparison['rule'].pop('p_adjusted') == 0.015
     (folder / 'manifest.json').write_text(json.dumps(judged))
     ((rule, _),) = load_manifest(folder / 'manifest.json').sequences[2].rules
     assert rule.p_adjusted == 1

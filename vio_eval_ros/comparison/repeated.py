@@ -26,8 +26,10 @@ CONFIDENCE = 0.95
 #: share of the values that a mean leaves out at either end
 TRIMMED = 0.2
 DEFAULT_P = 0.05
-#: how often an unchanged stack may fail with any of the comparisons of a suite
+#: how often chance may tell anything in a whole family of comparisons
 FAMILY_P = 0.02
+#: of a build, a little less: measured rates of unchanged stacks shall not be above that
+BUILD_P = 0.015
 #: stands in for the value of a run without one, in multiples of the largest known value
 MISSING_VALUE = 1e3
 
@@ -47,7 +49,7 @@ class Rule(NamedTuple):
     absolute: float = 0.0
     mad: float = 0.0
     p: float = DEFAULT_P
-    p_adjusted: float = FAMILY_P
+    p_adjusted: float = BUILD_P
 
 
 @dataclass(frozen=True)
