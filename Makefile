@@ -16,7 +16,7 @@ VENV_OPTIONS := --system-site-packages
 endif
 
 .DEFAULT_GOAL := help
-.PHONY: help demo demo-offline test test-fast lint format bench accuracy schemas docs tables figures demo-recording clean
+.PHONY: help demo demo-offline test test-fast lint format bench accuracy schemas docs screenshots tables figures demo-recording clean
 
 help:  ## list these targets
 	@sed -n 's/^\([a-z-]*\):.*## /\1\t/p' Makefile | expand -t 18
@@ -73,6 +73,9 @@ docs: $(TESTING)  ## build the documentation into build/docs, searchable, withou
 
 figures: $(TESTING)  ## draw the pictures of docs/figures.md again
 	@$(IN_VENV) docs/images/make_figures.py
+
+screenshots: $(TESTING)  ## take the pictures of pages in docs/images again; needs chromium
+	@$(IN_VENV) docs/images/make_screenshots.py
 
 tables: $(RUNTIME)  ## write the tables of findings, causes and limits in docs/ again
 	@$(IN_VENV) docs/make_tables.py
