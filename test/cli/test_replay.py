@@ -279,7 +279,7 @@ def test_nothing_but_json_and_no_progress_bar_in_a_pipe(flight):
         (('--gate', 'ate_trans_rms_m<=1'), "did you mean 'ate_trans_rmse_m'?"),
         (('--gate', 'ate_trans_rmse_m=1'), 'METRIC<=LIMIT'),
         (('--gate', 'ate_trans_rmse_m<=nan'), 'not a finite number'),
-        (('--report', 'pdf:x'), 'with FORMAT one of json, junit, markdown, '),
+        (('--report', 'docx:x'), 'with FORMAT one of json, junit, markdown, '),
         (('--report', 'json:/nowhere/x'), 'there is no folder /nowhere'),
         (('--series', 'json:x'), 'csv'),
         (('--config', 'nowhere.yaml'), 'nowhere.yaml: No such file'),

@@ -445,7 +445,7 @@ def test_tags_and_settings_choose_what_is_scored(flights, tmp_path):
         (('nowhere.yaml',), 'nowhere.yaml: No such file'),
         (('before.yaml', '--jobs', '0'), '--jobs: must be at least 1'),
         (('before.yaml', '--jobs', 'two'), 'invalid int value'),
-        (('before.yaml', '--report', 'pdf:x'), 'json, junit, markdown'),
+        (('before.yaml', '--report', 'docx:x'), 'json, junit, markdown'),
         (('before.yaml', '--report', 'json:/nowhere/x'), 'there is no folder /nowhere'),
         (('before.yaml', '--record-baseline', '/nowhere/x'), 'there is no folder /nowhere'),
         (('before.yaml', '--report', 'json:before.yaml'), 'would overwrite the input'),

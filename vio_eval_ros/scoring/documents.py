@@ -23,10 +23,10 @@ from vio_eval_ros.scoring.tables import (
     ATE,
     broken_gate,
     cautions,
-    COLUMNS,
     failed_of_all,
+    filled_table,
     remarks,
-    row_of,
+    TEXTS,
     unsuccessful,
     worse_metric,
     worst_first,
@@ -66,8 +66,9 @@ def suite_text(result: SuiteResult) -> str:
 def _rows(result: SuiteResult) -> str:
     from tabulate import tabulate
 
-    rows = [list(map(printable, row)) for row in map(row_of, worst_first(result))]
-    return tabulate(rows, COLUMNS, 'simple', disable_numparse=True)
+    heads, rows = filled_table(worst_first(result))
+    shown = [list(map(printable, row)) for row in rows]
+    return tabulate(shown, heads, 'simple', disable_numparse=True)
 
 
 def suite_markdown(result: SuiteResult) -> str:
@@ -78,11 +79,10 @@ def suite_markdown(result: SuiteResult) -> str:
         lines += markdown_tables(result.matrix()).splitlines()
         lines += markdown_verdicts(result.matrix()).splitlines()
     else:
-        lines += ['| ' + ' | '.join(COLUMNS) + ' |']
-        lines.append('|---|' + '---:|' * (len(COLUMNS) - 3) + '---|---|')
-        lines += [
-            '| ' + ' | '.join(map(escaped, row)) + ' |' for row in map(row_of, worst_first(result))
-        ]
+        heads, rows = filled_table(worst_first(result))
+        lines += ['| ' + ' | '.join(heads) + ' |']
+        lines.append('|' + ''.join('---|' if head in TEXTS else '---:|' for head in heads))
+        lines += ['| ' + ' | '.join(map(escaped, row)) + ' |' for row in rows]
     details = [
         f'- **{escaped(name)}**: {"⚠ " if is_caution else ""}{escaped(text)}'
         for name, is_caution, text in remarks(result)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from itertools import compress
 import math
 
 from vio_eval_ros.comparison.repeated import MetricComparison
@@ -31,16 +30,15 @@ from vio_eval_ros.scoring.tables import (
     ATE,
     cautions,
     change,
-    COLUMNS,
     failed_of_all,
+    filled_table,
     problems,
-    row_of,
+    TEXTS,
     worst_first,
 )
 
 #: drawn of each line of each run
 MOST_POINTS = 1000
-TEXTS = ('sequence', 'band', 'verdict')
 NARROW = ('sequence', 'ATE [m]', 'change', 'verdict')
 
 
@@ -116,17 +114,14 @@ def _mark(sign: str, colour: str) -> Html:
 def _table(ordered: Iterable[SequenceResult]) -> Html:
     """Return a row for each sequence, linked to its section below."""
 
-    def row(k: int, one: SequenceResult) -> list[object]:
-        name, *cells, verdict = row_of(one)
-        word = verdict.lower()
-        return [tag('a', name, href=f'#sequence-{k}'), *cells, badge(word, word)]
+    def row(k: int, cells: list[str]) -> list[object]:
+        name, *others, word = cells
+        return [tag('a', name, href=f'#sequence-{k}'), *others, badge(word, word)]
 
-    rows = [row(k, one) for k, one in enumerate(ordered)]
-    filled = [any(column) for column in zip(*rows, strict=True)]
-    heads = list(compress(COLUMNS, filled))
+    heads, rows = filled_table(ordered)
     return table(
         heads,
-        [compress(row, filled) for row in rows],
+        [row(k, cells) for k, cells in enumerate(rows)],
         numbers=[k for k, name in enumerate(heads) if name not in TEXTS],
         minor=[k for k, name in enumerate(heads) if name not in NARROW],
     )

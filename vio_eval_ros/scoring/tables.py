@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from itertools import compress
 import math
 
 from vio_eval_ros.comparison.direction import unit_of
@@ -22,6 +23,17 @@ COLUMNS = (
     'sequence', 'runs', 'ATE [m]', 'spread', 'baseline', 'change', 'p', 'coverage', 'success',
     'band', 'verdict',
 )  # fmt: skip
+
+
+#: columns that are no numbers
+TEXTS = ('sequence', 'band', 'verdict')
+
+
+def filled_table(ordered: Iterable[SequenceResult]) -> tuple[list[str], list[list[str]]]:
+    """Return the heads and the rows of the table, without columns that are empty throughout."""
+    rows = [row_of(one) for one in ordered]
+    filled = [any(column) for column in zip(*rows, strict=True)]
+    return list(compress(COLUMNS, filled)), [list(compress(row, filled)) for row in rows]
 
 
 def row_of(one: SequenceResult) -> list[str]:
