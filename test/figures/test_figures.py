@@ -128,7 +128,7 @@ def test_bounds_are_three_standard_deviations_in_the_world_of_the_truth(kinds, f
     (system,) = systems_of(kinds['covariance'])
     axes = system.result.summary.alignment.linear
     covariance = axes @ np.diag([0.01, 0.04, 0.09]) @ axes.T
-    assert np.allclose(system.three_sigma, 3 * np.sqrt(np.diag(covariance)), rtol=1e-5)
+    assert np.allclose(system.run.three_sigma, 3 * np.sqrt(np.diag(covariance)), rtol=1e-5)
 
 
 def test_a_system_has_its_colour_in_every_figure(result):

@@ -24,7 +24,7 @@ Runs = Mapping[str, np.ndarray]
 
 def overview(figure: Figure, systems: Sequence[System]) -> None:
     """Draw paths, errors, positions, attitudes and relative errors, with one legend."""
-    has_attitudes = any(system.attitudes is not None for system in systems)
+    has_attitudes = any(system.run.attitudes is not None for system in systems)
     has_rpe = any(system.has_relative_errors for system in systems)
     drawn = [
         top,

@@ -40,15 +40,15 @@ def xyz(figure: Figure, systems: Sequence[System]) -> None:
 
 def rpy(figure: Figure, systems: Sequence[System]) -> None:
     """Draw roll, pitch and yaw over time, with the truth."""
-    oriented = [system for system in systems if system.attitudes is not None]
+    oriented = [system for system in systems if system.run.attitudes is not None]
     if not oriented:
         raise ConfigError('rpy: there are no orientations to draw; leave this figure out')
     rows = figure.subplots(3, 1, sharex=True)
     longest = max(oriented, key=lambda system: system.tracked_s)
-    shared, _ = np.asarray(longest.attitudes)
+    shared, _ = np.asarray(longest.run.attitudes)
     _three(rows, longest, shared, None)
     for system in oriented:
-        truth, estimate = np.asarray(system.attitudes)
+        truth, estimate = np.asarray(system.run.attitudes)
         # each was unwrapped by itself, from where it begins
         at = [np.interp(system.run.seconds, longest.run.seconds, column) for column in shared.T]
         turns = np.round((np.stack(at, axis=1) - truth) / 360.0)
@@ -61,7 +61,7 @@ def rpy(figure: Figure, systems: Sequence[System]) -> None:
 def _three(rows: Sequence[Axes], system: System, values: np.ndarray, count: int | None) -> None:
     """Draw the (N, 3) values of a system; as the truth where no count of systems is given."""
     for axes, column in zip(rows, values.T, strict=True):
-        curve = system.over_time(column)
+        curve = system.run.over_time(column)
         if count is None:
             axes.plot(*curve, **TRUTH_STYLE)
         else:
@@ -73,7 +73,7 @@ def errors(figure: Figure, systems: Sequence[System]) -> None:
     oriented = any(system.oriented for system in systems)
     rows = list(figure.subplots(1 + oriented, 1, sharex=True, squeeze=False)[:, 0])
     for system in systems:
-        curve = system.over_time(system.run.errors)
+        curve = system.run.over_time(system.run.errors)
         style = line_style(system, len(systems), len(curve.x))
         rows[0].plot(*curve, label=system.name, **style)
         at = [k for k, _ in system.run.jumps[:MOST_MARKS]]
@@ -82,7 +82,7 @@ def errors(figure: Figure, systems: Sequence[System]) -> None:
             markerfacecolor='none', markeredgecolor='black', markeredgewidth=0.7,
         )  # fmt: skip
         if system.oriented:
-            rows[1].plot(*system.over_time(system.run.angles), label=system.name, **style)
+            rows[1].plot(*system.run.over_time(system.run.angles), label=system.name, **style)
     rows[0].set_ylabel('position error [m]')
     if oriented:
         rows[1].set_ylabel('rotation error [deg]')
@@ -97,11 +97,11 @@ def error_xyz(figure: Figure, systems: Sequence[System]) -> None:
     rows = figure.subplots(3, 1, sharex=True)
     for system in systems:
         _three(rows, system, system.run.estimate - system.run.truth, len(systems))
-        sigma = system.three_sigma
+        sigma = system.run.three_sigma
         if sigma is None:
             continue
         for axes, column in zip(rows, sigma.T, strict=True):
-            time, bound = system.over_time(column)
+            time, bound = system.run.over_time(column)
             axes.fill_between(
                 time, -bound, bound, color=system.look.colour, alpha=0.18, linewidth=0,
                 label='3 sigma',

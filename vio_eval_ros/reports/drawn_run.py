@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 import math
+from typing import NamedTuple
 
 import numpy as np
 
+from vio_eval_ros.core import rotation
 from vio_eval_ros.core.config import plain
 from vio_eval_ros.core.intervals import longest_tracked
 from vio_eval_ros.core.metrics import position_errors, rotation_errors
@@ -26,11 +28,27 @@ JUMP_OVER_P95 = 5.0
 FAR_AWAY = 100.0
 
 
+class Curve(NamedTuple):
+    """Points of a line, NaN where it is interrupted: (N,) and (N, ...)."""
+
+    x: np.ndarray
+    y: np.ndarray
+
+    def thinned(self, most_points: int) -> Curve:
+        """Return a line of (N,) values with fewer points; it keeps outline and interruptions."""
+        known = np.isfinite(self.y)
+        x, y = self.x[known], self.y[known]
+        chosen = extremes(y, most_points)
+        holes = np.flatnonzero(np.diff(np.cumsum(~known)[known][chosen])) + 1
+        return _interrupted(x[chosen], y[chosen], holes)
+
+
 @dataclass(frozen=True, eq=False)
 class DrawnRun:
     """
-    A run as it is drawn: positions and errors over time.
+    A run as it is drawn: positions, attitudes and errors over time.
 
+    :param result: that of the run.
     :param seconds: (N,) since the first ground truth.
     :param end: of the ground truth, on the same clock.
     :param estimate: (N, 3) metres, aligned.
@@ -42,6 +60,7 @@ class DrawnRun:
     :param whole: the ground truth including what has no pairs, if it is known.
     """
 
+    result: Result
     seconds: np.ndarray
     end: float
     estimate: np.ndarray
@@ -61,6 +80,7 @@ class DrawnRun:
         seconds = (pairs.estimate.stamps_ns - first_ns) / 1e9
         usual = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
         return cls(
+            result=result,
             seconds=seconds,
             end=(last_ns - first_ns) / 1e9,
             estimate=alignment.positions(pairs.estimate.positions),
@@ -152,3 +172,68 @@ class DrawnRun:
             axis: self.broken(shown[:, 'xyz'.index(name)], chosen)
             for axis, name in zip('xyz', names, strict=False)
         }
+
+    def over_time(self, values: np.ndarray, chosen: np.ndarray | None = None) -> Curve:
+        """
+        Return (N,) or (N, D) values of the pairs over time, without a line across gaps.
+
+        :param chosen: which of them; by default those that keep the outline of every column.
+        """
+        if chosen is None:
+            columns = values.reshape(len(values), -1)
+            chosen = np.unique(np.concatenate([self.extremes(column) for column in columns.T]))
+        holes = np.flatnonzero(self.gap_between(chosen)) + 1
+        return _interrupted(self.seconds[chosen], values[chosen], holes)
+
+    @property
+    def truth_over_time(self) -> Curve:
+        """Seconds and (N, 3) places of the truth, also where the estimate has none."""
+        if self.whole is None or len(self.whole) < 2:
+            everything = np.arange(len(self.seconds))
+            return self.over_time(self.truth - self.origin, everything)
+        first_ns = self.result.ground_truth.first_stamp_ns or 0
+        seconds = (self.whole.stamps_ns - first_ns) / 1e9
+        steps = np.diff(seconds)
+        longest = longest_tracked(self.longest_s, float(np.median(steps)))
+        holes = np.flatnonzero(steps > longest) + 1
+        return _interrupted(seconds, self.whole.positions - self.origin, holes)
+
+    @cached_property
+    def attitudes(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """
+        (N, 3) roll, pitch and yaw [deg] of truth and aligned estimate; None without orientations.
+
+        Angles do not jump by 360 degrees: those of the truth are unwrapped, those of the estimate
+        are the nearest to them.
+        """
+        pairs, alignment = self.result.summary.pairs, self.result.summary.alignment
+        if not pairs.oriented or not np.isfinite(self.angles).any():
+            return None
+        truth = np.unwrap(_euler_deg(pairs.ground_truth.rotations), period=360.0, axis=0)
+        estimate = _euler_deg(alignment.apply(pairs.estimate).rotations)
+        return truth, truth + (estimate - truth + 180.0) % 360.0 - 180.0
+
+    @cached_property
+    def three_sigma(self) -> np.ndarray | None:
+        """(N, 3) metres, of the estimate's own covariance in the world of the truth; or None."""
+        deviations = self.result.summary.pairs.deviations
+        if deviations is None or not np.isfinite(deviations[:, 0]).any():
+            return None
+        lower = np.zeros((len(deviations), 3, 3))
+        lower[(slice(None), *np.tril_indices(3))] = deviations[:, 0]
+        turned = self.result.summary.alignment.linear @ lower
+        return np.asarray(3 * np.sqrt((turned**2).sum(axis=2)))
+
+
+def _interrupted(x: np.ndarray, y: np.ndarray, holes: np.ndarray) -> Curve:
+    """Return a line that is interrupted before each of the points ``holes``."""
+    return Curve(np.insert(x, holes, math.nan), np.insert(y, holes, math.nan, axis=0))
+
+
+def _euler_deg(q: np.ndarray | None) -> np.ndarray:
+    """Return (N, 3) roll, pitch and yaw [deg] of R = Rz(yaw) Ry(pitch) Rx(roll)."""
+    matrices = rotation.to_matrix(np.asarray(q))
+    roll = np.arctan2(matrices[:, 2, 1], matrices[:, 2, 2])
+    pitch = np.arcsin(np.clip(-matrices[:, 2, 0], -1.0, 1.0))
+    yaw = np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0])
+    return np.degrees(np.stack([roll, pitch, yaw], axis=1))

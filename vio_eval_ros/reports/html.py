@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 import math
 
 from vio_eval_ros.core.gates import Verdict
 from vio_eval_ros.core.statistics import STATISTICS
 from vio_eval_ros.evaluation.result import Input, Result
-from vio_eval_ros.rendering.figures import boxes, GREY, RED
+from vio_eval_ros.rendering.figures import BLUE, boxes, GREY, RED
 from vio_eval_ros.rendering.page import (
     badge,
     Html,
@@ -34,6 +35,12 @@ from vio_eval_ros.reports.plots import (
     usual_lengths,
 )
 from vio_eval_ros.reports.text import rows, since_beginning, single_figures
+from vio_eval_ros.reports.times import (
+    attitudes_over_time,
+    BAND,
+    errors_along_axes,
+    places_over_time,
+)
 
 WORDS = {'pass': 'pass', 'warn': 'warning', 'fail': 'fail'}
 
@@ -87,7 +94,28 @@ def run_plots(result: Result, most_points: int = MOST_POINTS) -> Html:
                 'errors over time',
                 shows='errors',
             ),
+            *_over_time(replace(run, most_points=most_points // 2)),
         ]
+    )
+
+
+def _over_time(run: DrawnRun) -> Iterator[Html]:
+    """Yield the error along each axis, where its bounds are known, and place and attitude."""
+    errors, attitudes = errors_along_axes(run), attitudes_over_time(run)
+    if errors is not None:
+        told = 'Error along each axis, within 3 sigma of the covariance that the estimate states:'
+        yield tag('p', swatch(BAND), told, class_='soft')
+        yield plot(errors, 420, 'error along each axis over time', shows='errors')
+    yield tag(
+        'p', swatch(BLUE), 'Estimate, aligned. ', swatch(GREY), 'Ground truth. ', class_='soft'
+    )
+    yield tag(
+        'div',
+        plot(places_over_time(run), 420, 'x, y and z over time', shows='errors'),
+        ''
+        if attitudes is None
+        else plot(attitudes, 420, 'roll, pitch and yaw over time', shows='errors'),
+        class_='plots',
     )
 
 
