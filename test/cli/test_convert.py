@@ -126,7 +126,7 @@ def test_positions_only_go_into_csv_and_recordings(tmp_path):
 def test_what_is_there_is_not_replaced_unless_forced(est, tmp_path):
     out = tmp_path / 'a.tum'
     out.write_text('mine')
-    assert 'exists already' in complaint(est, out)
+    assert 'exists already; --force replaces it' in complaint(est, out)
     assert out.read_text() == 'mine'
     assert convert(est, out, '--force').returncode == 0
     assert read(out).stamps_ns.tolist() == RUN.estimate.stamps_ns.tolist()
@@ -146,7 +146,11 @@ def test_what_is_there_is_not_replaced_unless_forced(est, tmp_path):
         (['a.mcap', '--topic', '/b ad'], 'is no name of a topic'),
         (['a.tum', '--every', '1.5'], 'expected a whole number'),
         (['a.tum', '--rate-hz', '0'], 'expected a number >='),
-        (['a.tum', '--start-s', '100'], 'no pose is left'),
+        (['a.tum', '--start-s', '100'], 'none of 400 poses is left; they last 19.950 s'),
+        (['a.tum', '--start-s', '10', '--end-s', '5'], '--start-s: 10 is not before --end-s: 5'),
+        (['a.tum', '--time-offset-s', '1e11'], 'more than clocks can differ'),
+        (['a.tum', '--max-gap-s', '1'], '--max-gap-s needs --resample-to'),
+        (['a.tum', '--child', 'c'], 'tum files have no such name'),
         (['a.tum', '--alignment', 'se3'], '--alignment needs --align-to'),
         (['a.tum', '--to-body', *'0000000'], 'unit quaternion'),
     ],
@@ -291,3 +295,18 @@ def test_a_recording_alone_has_a_column_for_each_pose_topic():
     assert ':/vio/odometry' in text
     assert ':/ground_truth/pose' in text
     assert 'rosbag2, poses, covariances' in text
+
+
+def test_one_file_that_cannot_be_read_does_not_hide_the_others(est, tmp_path):
+    (tmp_path / 'empty.txt').write_text('')
+    done = info(tmp_path / 'empty.txt', est)
+    assert done.returncode == 2
+    assert 'empty.txt' in done.stderr
+    assert '19.95' in done.stdout
+
+
+def test_stamps_before_zero_are_shown_as_they_are(tmp_path):
+    stamps_ns = RUN.estimate.stamps_ns - RUN.estimate.stamps_ns[-1] - 10**8
+    early = replace(RUN.estimate, stamps_ns=stamps_ns)
+    FORMATS['tum'].write(early, tmp_path / 'a.tum', Names())
+    assert ' -0.100000000' in info(tmp_path / 'a.tum').stdout

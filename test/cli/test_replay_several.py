@@ -185,7 +185,7 @@ def test_every_report_names_every_system(flight, tmp_path, format):
 
 def test_wrong_usage_of_one_estimate_is_wrong_usage(flight):
     both = estimates(flight, 'good', 'poor')
-    assert 'got nothing' in complaint(*both, '--estimate', 'a=')
+    assert 'write NAME=SPEC' in complaint(*both, '--estimate', 'a=')
     assert 'quaternion must be' in complaint(*both, '--estimate', 'a=x.txt?quaternion=zyx')
     told = complaint(DEMO, '--estimate', 'a=odom?stamps=never', '--estimate', 'b=/vio/odometry')
     assert 'stamps must be header or recorded' in told

@@ -18,6 +18,7 @@ COUNT = len(RUN.estimate)
 SCATTERED = np.random.default_rng(0).random(COUNT) < 0.1
 BLOCK = (np.arange(COUNT) >= 400) & (np.arange(COUNT) < 520)
 BLOCKS = (np.arange(COUNT) // 20) % 5 == 4
+HEAD, TAIL = np.arange(COUNT) < 100, np.arange(COUNT) >= COUNT - 100
 FEW = np.isin(np.arange(COUNT), [100, 300, 301, 700])
 
 
@@ -100,7 +101,9 @@ def lost(which: np.ndarray, value=(0, 0, 0, 0, 0, 0, 1), offset=(0, 0, 0)):
     return replace(RUN.estimate, positions=positions, rotations=rotations)
 
 
-@pytest.mark.parametrize('which', [BLOCK, BLOCKS, FEW], ids=['block', 'blocks', 'few'])
+@pytest.mark.parametrize(
+    'which', [BLOCK, BLOCKS, FEW, HEAD, TAIL], ids=['block', 'blocks', 'few', 'head', 'tail']
+)
 @pytest.mark.parametrize('value', [(0, 0, 0, 0, 0, 0, 1), (9, 9, 9, 0.5, 0.5, 0.5, 0.5)])
 def test_placeholders_are_named_first(inputs, which, value):
     first = document('replay', *inputs(lost(which, value, (3, 2, 1))))['warnings'][0]

@@ -68,7 +68,7 @@ def _parser() -> Parser:
     )
     names = parser.add_argument_group('names in recordings')
     for name, default in Names()._asdict().items():
-        names.add_argument(f'--{name}', default=default, help=f'(default: {default})')
+        names.add_argument(f'--{name}', help=f'(default: {default})')
     changed = parser.add_argument_group('changes')
     changed.add_argument('--start-s', metavar='S', help='leave out what is earlier than the first')
     changed.add_argument('--end-s', metavar='S', help='and what is later, likewise')
@@ -91,9 +91,7 @@ def _parser() -> Parser:
     changed.add_argument(
         '--resample-to', metavar='SPEC', help='interpolate at the stamps of another trajectory'
     )
-    changed.add_argument(
-        '--max-gap-s', metavar='S', default='0.5', help='over which it does (default: 0.5)'
-    )
+    changed.add_argument('--max-gap-s', metavar='S', help='over which it does (default: 0.5)')
     changed.add_argument('--every', metavar='N', help='keep every N-th pose')
     changed.add_argument('--rate-hz', metavar='HZ', help='keep at most so many poses a second')
     changed.add_argument(
@@ -105,8 +103,7 @@ def _parser() -> Parser:
 
 def _convert(arguments: argparse.Namespace) -> int:
     kind = format_of(arguments.out, arguments.format)
-    if not re.fullmatch(TOPIC, arguments.topic):
-        raise ConfigError(f"--topic: '{arguments.topic}' is no name of a topic, such as /pose")
+    names = _names(arguments, kind)
     inputs = [*arguments.specs]
     others = [spec for spec in (arguments.align_to, arguments.resample_to) if spec]
     _check_out(arguments, kind)
@@ -122,12 +119,11 @@ def _convert(arguments: argparse.Namespace) -> int:
         if path.resolve() in taken:
             raise ConfigError(f'{path} is an input; write to another file')
     parts = [_in_order(read[k], notes) for k in range(len(inputs))]
+    if not any(map(len, parts)):
+        raise ConfigError('; '.join(['there is no pose to write', *notes]))
     poses = _changed(arguments, parts, sources[0], read, notes)
-    if not len(poses):
-        raise ConfigError('no pose is left to write')
     if poses.covariances is not None and not FORMATS[kind].has_covariances:
         notes.append(f'covariances are left out: {kind} has none')
-    names = Names(arguments.topic, arguments.frame, arguments.child)
     with staged_path(arguments.out) as path:
         FORMATS[kind].write(poses, path, names)
     kept = 'positions only' if poses.rotations is None else 'poses'
@@ -136,10 +132,24 @@ def _convert(arguments: argparse.Namespace) -> int:
     return PASSED
 
 
+def _names(arguments: argparse.Namespace, kind: str) -> Names:
+    """Return what a recording calls the trajectory."""
+    stated = {name: getattr(arguments, name) for name in Names._fields}
+    stated = {name: text for name, text in stated.items() if text is not None}
+    if stated and not FORMATS[kind].has_covariances:
+        raise ConfigError(f'--{next(iter(stated))}: {kind} files have no such name')
+    names = Names(**stated)
+    if not re.fullmatch(TOPIC, names.topic):
+        raise ConfigError(f"--topic: '{names.topic}' is no name of a topic, such as /pose")
+    return names
+
+
 def _check_out(arguments: argparse.Namespace, kind: str) -> None:
     """Refuse to write where something is, unless that is a file and may be replaced."""
     for path in files_of(arguments.out, kind):
-        if not (arguments.force and path.is_file()):
+        if path.is_file() and not arguments.force:
+            raise ConfigError(f'{path}: exists already; --force replaces it')
+        if not path.is_file():
             check_out(path)
 
 
@@ -170,6 +180,8 @@ def _changed(
         before, poses = poses, change(poses)
         if len(poses) != len(before):
             notes.append(f'{what}: {len(before):,} poses became {len(poses):,}')
+        if not len(poses):
+            raise ConfigError(f'{what}: none of {len(before):,} poses is left{_span(before)}')
         notes += _lost(what, before, poses)
     return poses
 
@@ -187,10 +199,13 @@ def _changes(
     """Yield each change that is asked for, with its name."""
     start_s = _number(arguments, 'start_s', 0.0, 0.0)
     end_s = _number(arguments, 'end_s', math.inf, 0.0)
+    if not start_s < end_s:
+        raise ConfigError(f'--start-s: {start_s:g} is not before --end-s: {end_s:g}')
     if start_s or math.isfinite(end_s):
         yield '--start-s, --end-s', lambda poses: changes.cropped(poses, start_s, end_s)
     if arguments.time_offset_s is not None:
-        offset_ns = nanoseconds(_number(arguments, 'time_offset_s', 0.0))
+        offset_s = EvaluationConfig(time_offset_s=arguments.time_offset_s).time_offset_s
+        offset_ns = nanoseconds(offset_s)
         yield (
             '--time-offset-s',
             lambda poses: replace(poses, stamps_ns=poses.stamps_ns + offset_ns),
@@ -210,6 +225,8 @@ def _changes(
         stamps_ns = read[arguments.resample_to].stamps_ns
         max_gap_s = _number(arguments, 'max_gap_s', 0.5, 0.0)
         yield '--resample-to', lambda poses: _resampled(poses, stamps_ns, max_gap_s)
+    elif arguments.max_gap_s is not None:
+        raise ConfigError('--max-gap-s needs --resample-to SPEC')
     if arguments.every is not None:
         count = _number(arguments, 'every', 1.0, 1.0)
         if not count.is_integer():
@@ -248,6 +265,12 @@ def _aligned(
     if not alignment.observable:
         return replace(aligned, rotations=None)
     return aligned
+
+
+def _span(poses: Trajectory) -> str:
+    """Return the time from which nothing is left."""
+    first, last = poses.stamps_ns[0] / 1e9, poses.stamps_ns[-1] / 1e9
+    return f'; they last {last - first:.3f} s, from {first:.3f} to {last:.3f} s'
 
 
 def _resampled(poses: Trajectory, stamps_ns: np.ndarray, max_gap_s: float) -> Trajectory:

@@ -6,12 +6,12 @@ import argparse
 import json
 from pathlib import Path
 
-from vio_eval_ros.cli.shell import Parser, progress, run
+from vio_eval_ros.cli.shell import complain, Parser, progress, run
 from vio_eval_ros.conversion.facts import facts_of, info_text
 from vio_eval_ros.core.statistics import without_nan
-from vio_eval_ros.errors import PASSED
+from vio_eval_ros.errors import PASSED, UNABLE
 from vio_eval_ros.recordings.agreement.orders import alone
-from vio_eval_ros.recordings.sources import check_times, pose_topics, read_sources
+from vio_eval_ros.recordings.sources import check_times, pose_topics, read_each, Source
 from vio_eval_ros.recordings.spec import is_recording, Spec
 from vio_eval_ros.rendering.text import printable
 from vio_eval_ros.version import __version__
@@ -53,9 +53,15 @@ def _info(arguments: argparse.Namespace) -> int:
         spec = Spec.parse(text)
         whole = spec.path is not None and spec.topic is None and is_recording(spec.path)
         specs += pose_topics(spec.path) if whole and spec.path else [text]
-    sources = read_sources(specs, None, arguments.times, progress)
-    check_times(arguments.times, sources)
-    facts = [facts_of(alone(source)) for source in sources]
+    sources = read_each(specs, None, arguments.times, progress)
+    read = [source for source in sources if isinstance(source, Source)]
+    check_times(arguments.times, read)
+    wrong = [error for error in sources if isinstance(error, Exception)]
+    if not read:
+        raise wrong[0]
+    for error in wrong:
+        complain(VERB, str(error))
+    facts = [facts_of(alone(source)) for source in read]
     if arguments.json:
         found = {
             'schema': SCHEMA,
@@ -65,4 +71,4 @@ def _info(arguments: argparse.Namespace) -> int:
         print(json.dumps(found, indent=2, allow_nan=False))
     else:
         print('\n'.join(map(printable, info_text(facts))))
-    return PASSED
+    return UNABLE if wrong else PASSED

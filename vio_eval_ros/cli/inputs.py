@@ -94,6 +94,8 @@ def named_estimates(arguments: argparse.Namespace) -> dict[str, str]:
     for text in arguments.estimate:
         name, equals, spec = text.partition('=')
         is_file = exists(Path(text)) or exists(Path(text.partition('?')[0]))
+        if equals and not (name and spec) and not is_file:
+            raise ConfigError(f"--estimate '{text}': write NAME=SPEC, or a spec alone")
         if not equals or not re.fullmatch(SYSTEM_NAME, name) or is_file:
             name, spec = '', text
         path, topic, _ = Spec.parse(spec, beside_recording=arguments.recording is not None)

@@ -28,6 +28,7 @@ from vio_eval_ros.figures.reports import FORMATS, overview_picture
 from vio_eval_ros.figures.style import check_installed
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.recordings.spec import Spec
+from vio_eval_ros.rendering.terminal import check_plotext
 from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.compared import COMPARISON_REPORTS, comparison_text
 from vio_eval_ros.reports.documents import json_report
@@ -160,6 +161,8 @@ def _replay(arguments: argparse.Namespace) -> int:
         arguments.json or any(text.endswith(':-') for text in arguments.report)
     ):
         raise ConfigError('--plot terminal draws beside the summary; leave out what replaces it')
+    if arguments.plot:
+        check_plotext()
     config = config_of(arguments)
     gates = _gates(arguments, config)
     named = named_estimates(arguments)

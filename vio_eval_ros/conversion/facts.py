@@ -134,7 +134,8 @@ def _stamp(stamp_ns: int | None) -> str:
     """Return a stamp in seconds, with the date where it is one."""
     if stamp_ns is None:
         return '-'
-    text = f'{stamp_ns // 10**9}.{stamp_ns % 10**9:09d}'
+    seconds, rest = divmod(abs(stamp_ns), 10**9)
+    text = f'{"-" * (stamp_ns < 0)}{seconds}.{rest:09d}'
     if stamp_ns < EPOCH_NS:
         return text
     date = datetime.fromtimestamp(stamp_ns // 10**9, timezone.utc)

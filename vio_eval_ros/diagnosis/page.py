@@ -141,8 +141,9 @@ def _colour(curve: Curve) -> str:
 
 def _errors(diagnosis: Diagnosis) -> list[Html]:
     rows = _rows(diagnosis)
-    heads = ['error', 'as it is', 'with all causes undone']
-    return [tag('h2', 'Errors'), table(heads, rows, numbers=(1, 2))] if rows else []
+    heads = ['error', 'as it is', 'with all causes undone'][: 3 if diagnosis.causes else 2]
+    rows = [row[: len(heads)] for row in rows]
+    return [tag('h2', 'Errors'), table(heads, rows, numbers=range(1, len(heads)))] if rows else []
 
 
 def _rows(diagnosis: Diagnosis) -> list[list[str]]:

@@ -56,7 +56,8 @@ def score_run(
     summary = evaluation.summary(causal)
     associator = evaluation.associator
     if not len(summary.pairs):
-        raise NoPairs(associator.why_no_pairs())
+        read = ''.join(f'; {sentence}' for sentence in assumed(estimate, truth))
+        raise NoPairs(f'{associator.why_no_pairs()}{read}')
     taken = assumed(estimate, truth)
     warnings = [*taken, *summary.warnings]
     if line := _likely_cause(summary, estimate, truth, config):

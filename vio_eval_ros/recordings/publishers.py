@@ -85,7 +85,7 @@ class Placeholder:
         """Return what it is, in words."""
         return (
             f'{len(self.rows)} poses are {self.pose}, the first at {self.first_ns / 1e9:.2f} s, '
-            'between poses that are elsewhere'
+            'and the others are elsewhere'
         )
 
 
@@ -99,18 +99,19 @@ def placeholder(poses: Poses) -> Placeholder | None:
     if len(moving) < FEWEST_STEPS:
         return None
     leaps = np.flatnonzero(steps > max(LEAP_M, LEAP_STEPS * median(moving)))
-    if len(leaps) < 2:  # nearly always
+    if not len(leaps):  # nearly always
         return None
     # where one leap ends and another begins
     ends, begins = positions[leaps[:MOST_LEAPS] + 1], positions[leaps[:MOST_LEAPS]]
     places, counts = np.unique(np.concatenate([ends, begins]), axis=0, return_counts=True)
     for place in places[np.argsort(-counts, kind='stable')[:MOST_PLACES]]:
         there = (positions == place).all(axis=1)
-        entered, left = (there[1:] & ~there[:-1])[leaps], (there[:-1] & ~there[1:])[leaps]
+        entered = there[0] or (there[1:] & ~there[:-1])[leaps].any()
+        left = there[-1] or (there[:-1] & ~there[1:])[leaps].any()
         often = FEWEST_PLACEHOLDERS <= np.count_nonzero(there) <= len(there) // 2
         found = rows[there]
         turns = poses.rotations is not None and np.ptp(poses.rotations[found], axis=0).any()
-        if often and entered.any() and left.any() and not turns:
+        if often and entered and left and not turns:
             values = [place, *([] if poses.rotations is None else [poses.rotations[found[0]]])]
             shown = ' '.join(f'{value:g}' for value in np.concatenate(values))
             return Placeholder(shown, found, int(poses.stamps_ns[found[0]]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from importlib.util import find_spec
 import os
 import re
 import sys
@@ -56,6 +57,12 @@ def sparkline(at: np.ndarray, values: np.ndarray, width: int = WIDTH) -> str:
     return ''.join(BARS[k] if h >= 0 else ' ' for k, h in zip(level, highest, strict=True))
 
 
+def check_plotext() -> None:
+    """Raise ``ConfigError`` where the library that draws in characters is not installed."""
+    if find_spec('plotext') is None:
+        raise ConfigError("--plot terminal needs plotext: pip install 'vio_eval_ros[terminal]'")
+
+
 def drawn(paths: Mapping[str, np.ndarray], labels: Sequence[str]) -> str:
     """
     Return paths in braille, with one scale for both axes.
@@ -63,12 +70,9 @@ def drawn(paths: Mapping[str, np.ndarray], labels: Sequence[str]) -> str:
     :param paths: (N, 2) points of each line, by its name.
     :raises ConfigError: where plotext is not installed.
     """
-    try:
-        import plotext
-    except ImportError:
-        raise ConfigError(
-            "--plot terminal needs plotext: pip install 'vio_eval_ros[terminal]'"
-        ) from None
+    check_plotext()
+    import plotext
+
     points = np.concatenate(list(paths.values()))
     low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
     extent = np.maximum(high - low, 1e-9)
