@@ -429,8 +429,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
         print(table, flush=True)
         begin, end = (mark.format(f' {name}') for mark in (BEGIN, END))
         text = document.read_text(encoding='utf-8')
-        head, _, rest = text.partition(begin)
-        _, _, tail = rest.partition(end)
+        head, opened, rest = text.partition(begin)
+        _, closed, tail = rest.partition(end)
+        if not (opened and closed):  # or the rest of the document would be lost
+            raise SystemExit(f'{document} has no {begin} ... {end}')
         written = f'{head}{begin}{table}{end}{tail}'
         if chosen.check and text != written:
             print(f'{document} is out of date: run benchmarks/false_alarms.py', file=sys.stderr)
