@@ -52,7 +52,10 @@ def test_a_sparkline_has_the_largest_value_of_each_stretch_and_holes_for_none():
     assert sparkline(at[:1], np.array([2.0]), width=3) == f'{BARS[7]}  '
 
 
-def test_paths_have_one_scale_for_both_axes():
+@pytest.mark.parametrize('terminal', [('200', '50'), ('30', '10')])
+def test_paths_have_one_scale_for_both_axes(terminal, monkeypatch):
+    for name, size in zip(('COLUMNS', 'LINES'), terminal, strict=True):
+        monkeypatch.setenv(name, size)
     turn = np.linspace(0, 2 * np.pi, 400)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     rows = [line for line in drawn({'a': circle}, ['x [m]', 'y [m]']).splitlines() if '│' in line]

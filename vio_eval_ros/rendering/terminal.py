@@ -81,6 +81,7 @@ def drawn(paths: Mapping[str, np.ndarray], labels: Sequence[str]) -> str:
     rows = max(3, min(ROWS, int(columns * DOTS[0] / DOTS[1] * extent[1] / extent[0])))
     plotext.clear_figure()
     plotext.theme('clear')
+    plotext.limit_size(False, False)  # else a small terminal would squeeze one of the axes
     plotext.plot_size(columns + 8, rows + 4)
     for name, line in paths.items():
         plotext.plot(*line.T.tolist(), marker='braille', label=name if len(paths) > 1 else None)
