@@ -151,9 +151,9 @@ def test_the_median_run_is_the_one_that_is_shown(result, report, parsed):
 
 def test_the_figures_are_such_as_plotly_knows(report, parsed):
     figures = parsed(report).figures
-    # all runs; per sequence the runs where there are several, and three plots of one that is there
+    # all runs; per sequence the runs where there are several, and five plots of one that is there
     # and of the worst
-    assert len(figures) == 1 + (1 + 3 + 3) * 3 + 0 + 3
+    assert len(figures) == 1 + (1 + 5 + 5) * 3 + 0 + 5
     for figure in figures:
         go.Figure(figure)
 
@@ -231,7 +231,7 @@ def test_a_real_suite_looks_right_in_a_browser(width, real, window):
     assert [one.passed for one in real.sequences] == [True, True, False]
     window.open(suite_html(real), width)
     assert window.page.inner_text('header .badge') == 'fail'
-    assert len(window.page.query_selector_all('.js-plotly-plot')) == 4
+    assert len(window.page.query_selector_all('.js-plotly-plot')) == 6
 
 
 def test_a_link_unfolds_a_sequence_and_folding_lets_go_of_its_plots(real, window):
@@ -241,7 +241,7 @@ def test_a_link_unfolds_a_sequence_and_folding_lets_go_of_its_plots(real, window
     page.click('a[href="#sequence-1"]')
     window.wait("document.querySelector('#sequence-1').open")
     page.click('#sequence-1 details:has(.run) > summary')
-    window.wait(f"document.querySelectorAll('.js-plotly-plot').length === {before + 4}")
+    window.wait(f"document.querySelectorAll('.js-plotly-plot').length === {before + 6}")
     window.check()
     page.click('#sequence-1 > summary')
     window.wait("!document.querySelector('#sequence-1 .main-svg, #sequence-1 canvas')")

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 from vio_eval_ros.comparison.direction import UNITS
 from vio_eval_ros.comparison.matrix import Matrix
-from vio_eval_ros.rendering.page import Html, joined, table, tag
+from vio_eval_ros.rendering.page import Html, html, joined, system_swatch, table, tag
 from vio_eval_ros.rendering.text import escaped, printable
 
 #: parts of the names of metrics that the unit, or the custom of the field, tells already
@@ -328,11 +328,25 @@ def html_tables(matrix: Matrix) -> Html:
     """Return the tables and footnotes as a part of a page."""
     parts: list[object] = []
     for one in tables_of(matrix):
-        rows = [[row.name, *map(_in_html, row.values)] for row in (*one.rows, *one.summary)]
+        down = one.heads[0] == 'system'
+        names = [_head(matrix, row.name, down) for row in one.rows]
+        names += [html(row.name) for row in one.summary]
+        rows = [
+            [name, *map(_in_html, row.values)]
+            for name, row in zip(names, (*one.rows, *one.summary), strict=True)
+        ]
         parts += [tag('h3', one.title)] if one.title else []
-        parts.append(table(one.heads, rows, numbers=range(1, len(one.heads))))
+        heads = [html(one.heads[0]), *(_head(matrix, name, not down) for name in one.heads[1:])]
+        parts.append(table(heads, rows, numbers=range(1, len(one.heads))))
     notes = [*_legend(matrix), *footnotes(matrix)]
     return joined([*parts, tag('ul', *(tag('li', note) for note in notes), class_='soft')])
+
+
+def _head(matrix: Matrix, name: str, of_system: bool) -> Html:
+    """Return the head of a row or column; a system has the colour that it has in plots."""
+    if not of_system:
+        return html(name)
+    return joined([system_swatch(matrix.systems.index(name)), name])
 
 
 def _in_html(value: Shown) -> Html:

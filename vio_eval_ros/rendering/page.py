@@ -8,6 +8,7 @@ from html import escape
 from typing import Any
 
 from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.rendering.palette import look
 from vio_eval_ros.rendering.text import printable
 
 
@@ -176,3 +177,8 @@ def warnings(sentences: Iterable[str], word: str = 'warn') -> Html:
 def swatch(colour: str) -> Html:
     """Return a patch of a colour, for a legend."""
     return tag('span', class_='swatch', style=f'background:{colour}')
+
+
+def system_swatch(place: int) -> Html:
+    """Return a patch of the colour of the system at a place, from 0."""
+    return swatch(look(place).colour)

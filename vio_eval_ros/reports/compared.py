@@ -16,10 +16,11 @@ from vio_eval_ros.comparison.tables import (
     text_tables,
 )
 from vio_eval_ros.evaluation.result import Result
-from vio_eval_ros.rendering.page import badge, Html, page, tag, warnings
+from vio_eval_ros.rendering.page import badge, Html, page, system_swatch, tag, warnings
 from vio_eval_ros.rendering.text import escaped, number, printable
 from vio_eval_ros.reports.documents import gate_cases, junit
 from vio_eval_ros.reports.html import gate_rows, run_plots
+from vio_eval_ros.reports.overlaid import overlaid
 from vio_eval_ros.reports.text import described, headline
 
 #: drawn of each line of each system
@@ -89,7 +90,7 @@ def comparison_markdown(found: Comparison) -> str:
 
 def comparison_html(found: Comparison) -> str:
     """Return a page: the table, and each system by itself, folded."""
-    first = next(iter(found.results.values()))
+    first, order = next(iter(found.results.values())), list(found.runs)
     word = {True: 'pass', False: 'fail', None: ''}[found.passed]
     return page(
         f'{", ".join(found.runs)}: comparison',
@@ -106,16 +107,27 @@ def comparison_html(found: Comparison) -> str:
         html_tables(found.matrix),
         html_verdicts(found.matrix),
         warnings(cautions(found)),
+        tag('h2', 'All systems'),
+        overlaid(found.results, order),
         tag('h2', 'Each system'),
-        *(_system(name, result) for name, result in found.results.items()),
+        *(
+            _system(list(found.runs).index(name), name, result)
+            for name, result in found.results.items()
+        ),
     )
 
 
-def _system(name: str, result: Result) -> Html:
+def _system(place: int, name: str, result: Result) -> Html:
     """Return the section of a system, folded."""
     return tag(
         'details',
-        tag('summary', name, ' ', tag('span', headline(result), class_='soft')),
+        tag(
+            'summary',
+            system_swatch(place),
+            name,
+            ' ',
+            tag('span', headline(result), class_='soft'),
+        ),
         gate_rows((str(verdict.gate), verdict) for verdict in result.verdicts)
         if result.verdicts
         else '',

@@ -23,6 +23,7 @@ from vio_eval_ros.rendering.page import (
 )
 from vio_eval_ros.rendering.text import number, percent
 from vio_eval_ros.reports.html import gate_rows, options, run_plots
+from vio_eval_ros.reports.overlaid import overlaid
 from vio_eval_ros.scoring.plots import marks, strips
 from vio_eval_ros.scoring.results import RunResult, SequenceResult, SuiteResult
 from vio_eval_ros.scoring.suite import RunsGate
@@ -57,6 +58,7 @@ def suite_html(result: SuiteResult) -> str:
         warnings(result.notes),
         html_tables(result.matrix()) if result.has_systems else '',
         html_verdicts(result.matrix()) if result.has_systems else '',
+        *_overlaid(result),
         tag('h2', 'Position error (ATE) of every run'),
         tag('p', *_legend(result), class_='soft'),
         plot(
@@ -69,6 +71,28 @@ def suite_html(result: SuiteResult) -> str:
         tag('h2', 'Each sequence'),
         *(_sequence(k, one, one is worst) for k, one in enumerate(ordered)),
     )
+
+
+def _overlaid(result: SuiteResult) -> Iterator[Html]:
+    """Yield the first runs of all systems in the same plots, folded by sequence."""
+    if not result.has_systems:
+        return
+    yield tag('h2', 'All systems')
+    first: dict[str, dict[str, Result]] = {}
+    for one in result.sequences:
+        scored = (run.result for run in one.runs if run.result is not None)
+        able = (of for of in scored if not math.isnan(of.summary.metrics[ATE]))
+        for of in able:
+            first.setdefault(one.sequence.name, {}).setdefault(one.sequence.system, of)
+    order = list(result.matrix().systems)
+    for k, (name, results) in enumerate(first.items()):
+        told = tag('span', 'the first run of each system', class_='soft')
+        yield tag(
+            'details',
+            tag('summary', name, ' ', told),
+            overlaid(results, order),
+            open=None if k else 'open',
+        )
 
 
 def _headlines(result: SuiteResult) -> Iterator[tuple[str, str, str]]:
