@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from functools import cache, cached_property
 from typing import Any
 
+from vio_eval_ros.comparison.doubts import doubts
+from vio_eval_ros.comparison.hat import Doubt
 from vio_eval_ros.comparison.matrix import CellRun, Matrix
 from vio_eval_ros.comparison.verdicts import Difference, differences
 from vio_eval_ros.core.config import EvaluationConfig
@@ -54,6 +56,11 @@ class Comparison:
         return differences(self.matrix)
 
     @property
+    def doubts(self) -> Mapping[str, Doubt]:
+        """Which one is wrong, a system or the truth; empty of fewer than two systems."""
+        return doubts(self.matrix)
+
+    @property
     def passed(self) -> bool | None:
         """Whether all were scored and no gate failed; None where there are no gates."""
         if self.unscored:
@@ -76,6 +83,7 @@ class Comparison:
             ],
             'matrix': self.matrix.to_dict(),
             'differences': [one.to_dict() for one in self.differences],
+            'doubts': {name: one.to_dict() for name, one in self.doubts.items()},
             'verdict': {True: 'pass', False: 'fail', None: None}[self.passed],
         }
         return {name: without_nan(value) for name, value in result.items()}

@@ -6,30 +6,45 @@ from collections.abc import Iterator, Sequence
 import math
 
 from vio_eval_ros.comparison.direction import unit_of
+from vio_eval_ros.comparison.doubts import doubt_lines
 from vio_eval_ros.comparison.matrix import Matrix
 from vio_eval_ros.comparison.verdicts import Difference, differences
 from vio_eval_ros.rendering.page import Html, joined, tag
 from vio_eval_ros.rendering.text import escaped, printable
 
 HEAD = 'Is the difference real?'
+DOUBTS = 'Which one is wrong, the truth?'
 
 
 def text_verdicts(matrix: Matrix) -> str:
     """Return the sentences for a terminal; nothing where there is only one system."""
-    lines = list(verdict_lines(matrix))
-    return ''.join(f'{printable(line)}\n' for line in ('', HEAD, *lines)) if lines else ''
+    return ''.join(
+        f'{printable(line)}\n' for head, lines in _parts(matrix) for line in ('', head, *lines)
+    )
 
 
 def markdown_verdicts(matrix: Matrix) -> str:
     """Return the sentences in Markdown."""
-    lines = [f'- {escaped(line)}' for line in verdict_lines(matrix)]
-    return '\n'.join(['', HEAD, '', *lines]) + '\n' if lines else ''
+    return ''.join(
+        '\n'.join(['', head, '', *(f'- {escaped(line)}' for line in lines)]) + '\n'
+        for head, lines in _parts(matrix)
+    )
 
 
 def html_verdicts(matrix: Matrix) -> Html:
     """Return the sentences as a part of a page."""
-    lines = [tag('li', line) for line in verdict_lines(matrix)]
-    return joined([tag('h3', HEAD), tag('ul', *lines)] if lines else [])
+    return joined(
+        part
+        for head, lines in _parts(matrix)
+        for part in (tag('h3', head), tag('ul', *(tag('li', line) for line in lines)))
+    )
+
+
+def _parts(matrix: Matrix) -> Iterator[tuple[str, list[str]]]:
+    """Yield each question that has an answer, with the sentences of it."""
+    for head, lines in ((HEAD, verdict_lines(matrix)), (DOUBTS, doubt_lines(matrix))):
+        if told := list(lines):
+            yield head, told
 
 
 def verdict_lines(matrix: Matrix) -> Iterator[str]:

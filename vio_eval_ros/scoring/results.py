@@ -8,6 +8,7 @@ from functools import cached_property
 import math
 from typing import Any
 
+from vio_eval_ros.comparison.doubts import doubts
 from vio_eval_ros.comparison.family import adjusted
 from vio_eval_ros.comparison.matrix import Cell, CellRun, default_metrics, Matrix
 from vio_eval_ros.comparison.repeated import compare, Distribution, MetricComparison, Rule
@@ -271,6 +272,9 @@ class SuiteResult:
             'sequences': [one.to_dict() for one in self.sequences],
             'matrix': self.matrix().to_dict() if self.has_systems else None,
             'differences': [one.to_dict() for one in differences(self.matrix())]
+            if self.has_systems
+            else None,
+            'doubts': {name: one.to_dict() for name, one in doubts(self.matrix()).items()}
             if self.has_systems
             else None,
             'notes': list(self.notes),
