@@ -14,7 +14,8 @@ from vio_eval_ros.comparison.comparison import compared, scorer
 from vio_eval_ros.comparison.matrix import default_metrics
 from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE
 from vio_eval_ros.evaluation.result import Result
-from vio_eval_ros.figures.catalogue import check_figures, FIGURES, FORMATS, pages
+from vio_eval_ros.figures.catalogue import check_figures, FIGURES, FORMATS, MAPPED, pages
+from vio_eval_ros.figures.maps import load_map
 from vio_eval_ros.figures.style import theme, WIDTHS
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.rendering.files import make_writable
@@ -66,6 +67,11 @@ def _parser() -> Parser:
     output.add_argument(
         '--theme', type=Path, metavar='FILE', help='a style sheet of matplotlib (.mplstyle)'
     )
+    output.add_argument(
+        '--map', type=Path, metavar='YAML',
+        help='a map of map_server in the frame of the ground truth, drawn beneath top and '
+        'projections',
+    )  # fmt: skip
     add_options(parser)
     return parser
 
@@ -76,6 +82,9 @@ def _plot(arguments: argparse.Namespace) -> int:
     check_figures(names)
     with theme(arguments.theme):  # whether it can be drawn is told before anything is read
         pass
+    beneath = None if arguments.map is None else load_map(arguments.map)
+    if beneath is not None and not set(MAPPED) & set(names):
+        raise ConfigError(f'--map is drawn beneath {" and ".join(MAPPED)}: add one to --figure')
     into_file = arguments.out.suffix[1:].lower() in FORMATS and not arguments.out.is_dir()
     if into_file:
         target = Target.of(arguments.out.suffix[1:].lower(), arguments.out)
@@ -94,6 +103,7 @@ def _plot(arguments: argparse.Namespace) -> int:
         'columns': arguments.width,
         'style': arguments.theme,
         'order': order or ['estimate'],
+        'beneath': beneath,
     }
     if into_file:
         targets = {target: partial(pages, names, results, target.format, **options)}

@@ -10,6 +10,7 @@ from typing import NamedTuple, TYPE_CHECKING
 from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.evaluation.result import Result
+from vio_eval_ros.figures.maps import Map
 from vio_eval_ros.figures.paths import error_path, projections, top
 from vio_eval_ros.figures.samples import cumulative, histogram, rpe, segments
 from vio_eval_ros.figures.style import theme, WIDTHS
@@ -28,12 +29,12 @@ class Kind(NamedTuple):
     """
     A figure.
 
-    :param draw: draws the systems into an empty figure.
+    :param draw: draws systems into an empty figure; those of MAPPED, on a map.
     :param words: what it shows.
     :param heights: of one and of two columns, as shares of the width.
     """
 
-    draw: Callable[[Figure, Sequence[System]], None]
+    draw: Callable[..., None]
     words: str
     heights: tuple[float, float]
 
@@ -51,6 +52,10 @@ FIGURES: dict[str, Kind] = {
     'rpe': Kind(rpe, 'relative error over each delta, as boxes', (0.65, 0.38)),
     'segments': Kind(segments, 'drift over lengths of path, as boxes', (0.65, 0.38)),
 }
+
+
+#: figures that may have a map beneath
+MAPPED = ('top', 'projections')
 
 
 def check_figures(names: Iterable[str]) -> None:
@@ -95,6 +100,7 @@ def draw(
     runs: Mapping[str, Result | Sequence[Result]],
     columns: int = 1,
     order: Sequence[str] = (),
+    beneath: Map | None = None,
 ) -> Figure:
     """
     Return a figure; its look is that of the :func:`theme` around the call.
@@ -102,16 +108,18 @@ def draw(
     :param runs: a result, or those of several runs, by the name of the system.
     :param columns: of the page that it spans, 1 or 2.
     :param order: of all systems, also those without a result.
+    :param beneath: the paths, in ``top`` and ``projections``.
     :raises ConfigError: there is no such figure, or nothing to draw.
     """
-    return _page(name, systems_of(runs, order), columns).drawn()
+    return _page(name, systems_of(runs, order), columns, beneath).drawn()
 
 
-def _page(name: str, systems: Sequence[System], columns: int) -> Page:
+def _page(name: str, systems: Sequence[System], columns: int, beneath: Map | None = None) -> Page:
     check_figures([name])
     kind, width = FIGURES[name], WIDTHS[columns]
     height = kind.heights[columns - 1] * width * (len(systems) if name == 'error_path' else 1)
-    return Page(width, height, lambda figure: kind.draw(figure, systems))
+    more = (beneath,) if name in MAPPED else ()
+    return Page(width, height, lambda figure: kind.draw(figure, systems, *more))
 
 
 def pages(
@@ -122,6 +130,7 @@ def pages(
     columns: int = 1,
     style: Path | None = None,
     order: Sequence[str] = (),
+    beneath: Map | None = None,
 ) -> bytes:
     """
     Return figures as the pages of one PDF, or one figure in another of :data:`FORMATS`.
@@ -130,7 +139,7 @@ def pages(
     """
     with theme(style):
         systems = systems_of(runs, order)
-        return saved([_page(name, systems, columns) for name in names], file_format)
+        return saved([_page(name, systems, columns, beneath) for name in names], file_format)
 
 
 def saved(content: Sequence[Page], file_format: str) -> bytes:

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.figures.maps import Map
 from vio_eval_ros.figures.style import legend, line_style, plain_name
 from vio_eval_ros.figures.systems import System
 from vio_eval_ros.rendering.palette import TRUTH
@@ -19,22 +21,33 @@ if TYPE_CHECKING:
 SIDES = ('xy', 'xz', 'zy')
 
 
-def top(figure: Figure, systems: Sequence[System]) -> None:
-    """Draw the paths from above."""
+def top(figure: Figure, systems: Sequence[System], beneath: Map | None = None) -> None:
+    """Draw the paths from above, on a map if there is one."""
     axes = figure.subplots()
-    draw_paths(axes, systems, systems[0].run.axes_from_above)
+    names = systems[0].run.axes_from_above
+    draw_paths(axes, systems, names)
+    if beneath is not None:
+        if names != 'xy':
+            raise ConfigError(
+                f'top: a map lies in x and y, but this run is seen in {names[0]} and {names[1]}; '
+                'draw projections instead'
+            )
+        beneath.draw(axes, systems[0].run.origin)
     legend(figure, systems)
 
 
-def projections(figure: Figure, systems: Sequence[System]) -> None:
-    """Draw the paths from three sides."""
+def projections(figure: Figure, systems: Sequence[System], beneath: Map | None = None) -> None:
+    """Draw the paths from three sides, x and y on a map if there is one."""
     run = systems[0].run
     extent = np.ptp(np.vstack([run.truth, run.estimate]), axis=0)
     # flat sides keep room for their labels
     x, y, z = np.maximum(extent, max(0.3 * float(extent.max()), 1e-6)).tolist()
     grid = figure.add_gridspec(2, 2, width_ratios=[x, z], height_ratios=[y, z])
     for place, names in zip((grid[0, 0], grid[1, 0], grid[0, 1]), SIDES, strict=True):
-        draw_paths(figure.add_subplot(place), systems, names)
+        axes = figure.add_subplot(place)
+        draw_paths(axes, systems, names)
+        if beneath is not None and names == 'xy':
+            beneath.draw(axes, run.origin)
     legend(figure, systems)
 
 
