@@ -361,6 +361,7 @@ def test_lost_tracking_is_a_gap_or_an_early_end(lost):
     found = diagnosis_of(ESTIMATE[kept])
     assert names(found) == ['lost_tracking']
     assert found.causes[0].value == pytest.approx((~kept).mean(), abs=0.01)
+    assert ('the file is an excerpt' in found.causes[0].evidence) == (not kept[-1])
 
 
 def test_keyframes_are_no_lost_tracking():

@@ -60,12 +60,15 @@ def test_positions_and_orientations_turn_with_the_plane():
     assert matrix @ matrix.T == pytest.approx(np.eye(3), abs=1e-12)
     stamps_ns = np.arange(len(PLACES))
     rotations = np.tile([0.0, 0, 0, 1], (len(PLACES), 1))
-    one = Poses(stamps_ns, positions, rotations, origin=here)
+    covariances = np.tile(np.diag([1.0, 2.0, 3.0]), (len(PLACES), 2, 1, 1))
+    one = Poses(stamps_ns, positions, rotations, covariances, origin=here)
     other = Poses(stamps_ns, expected, rotations, origin=there)
     sides = [Source(name, 'arrays', (), poses) for name, poses in (('e', one), ('g', other))]
     moved, truth = with_one_origin((sides[0], sides[1]))
     assert moved.poses.positions == pytest.approx(expected, abs=1e-5)
     assert rotation.to_matrix(moved.poses.rotations[0]) == pytest.approx(matrix, abs=1e-12)
+    turned = matrix @ np.diag([1.0, 2.0, 3.0]) @ matrix.T
+    assert moved.poses.covariances[0, 1] == pytest.approx(turned, abs=1e-12)
     assert truth is sides[1]
     assert with_one_origin((sides[1], sides[1])) == (sides[1], sides[1])
 

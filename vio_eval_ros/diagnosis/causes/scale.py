@@ -19,9 +19,9 @@ from vio_eval_ros.diagnosis.measurement import Measurement
 from vio_eval_ros.recordings.spec import LENGTH_UNITS
 
 PERCENT_PER_MINUTE = 100 * 60
-#: how near, as a share, the scale that a unit makes is
 #: of a point that may be tracked in place of the body
 LONGEST_LEVER_M = 2.0
+#: how near, as a share, the scale that a unit makes is
 UNIT_TOLERANCE = 0.1
 UNIT_NAMES = {'mm': 'millimetres', 'cm': 'centimetres'}
 SIDES_IN_WORDS = {'estimate': 'the estimate', 'ground_truth': 'the ground truth'}

@@ -18,6 +18,9 @@ def _evidence(measurement: Measurement, findings: Mapping[str, Any]) -> str:
     longest_s = max((gap['seconds'] for gap in findings['gaps']), default=0.0)
     if not longest_s:
         return f'{lost}, some poses at a time'
+    if len(findings['gaps']) == 1 and findings['ends_early_s'] >= longest_s:
+        ended = f'it ends {longest_s:.1f} s before the truth'
+        return f'{lost}: {ended}; it stopped there, or the file is an excerpt'
     return f'{lost}, the longest interval is {longest_s:.1f} s'
 
 
@@ -30,7 +33,7 @@ LOST_TRACKING = KnownCause(
     remedy='the estimator',
     evidence=_evidence,
     advice='Look at the images of the named intervals: blur, darkness, no texture, dropped '
-    'frames.',
+    'frames. Of an excerpt, evaluate its own time: --end-s.',
     limits=('lost_tracking_percent', 'late_start_percent', 'early_end_percent'),
     healthy=lambda limits, half_s: limits.lost_tracking_percent / 100,
 )
@@ -49,6 +52,8 @@ def measure(run: Measuring) -> None:
     run.note(LOST_TRACKING, run.counted(LOST_TRACKING, lost))
     late_s = int(punctual.stamps_ns[0] - case.truth.stamps_ns[0]) / 1e9
     run.findings['initialised'] = {'after_s': late_s, 'percent': 100 * late_s / duration_s}
+    early_s = int(case.truth.stamps_ns[-1] - punctual.stamps_ns[-1]) / 1e9
+    run.findings['ends_early_s'] = max(early_s, 0.0)
     run.findings['gaps'] = [
         {'begin_ns': gap.begin_ns, 'end_ns': gap.end_ns, 'seconds': gap.seconds} for gap in gaps
     ]

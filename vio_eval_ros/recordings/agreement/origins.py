@@ -34,4 +34,9 @@ def _moved(poses: Poses, own: Origin, origin: Origin) -> Poses:
     if turned is not None:
         turned = rotation.multiply(rotation.from_matrix(matrix[None]), turned)
     positions = poses.positions @ matrix.T + translation
-    return replace(poses, positions=positions, rotations=turned, origin=origin)
+    covariances = poses.covariances
+    if covariances is not None:  # about the axes of the world
+        covariances = matrix @ covariances @ matrix.T
+    return replace(
+        poses, positions=positions, rotations=turned, covariances=covariances, origin=origin
+    )
