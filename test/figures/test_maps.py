@@ -51,7 +51,9 @@ def test_thin_walls_of_large_maps_stay(tmp_path, monkeypatch):
 def test_a_map_lies_where_its_origin_says_and_does_not_move_the_axes(tmp_path, yaw):
     flight = simulate(duration_s=10.0)
     runs = {'A': evaluate(flight.estimate, flight.ground_truth)}
-    beneath = load_map(write(tmp_path, YAML.format(yaw=yaw)))
+    x = 20 if yaw else -20
+    text = YAML.format(yaw=yaw).replace('[-1, 2,', f'[{x}, -20,')
+    beneath = load_map(write(tmp_path, text, np.full((90, 90), 0)))
     with theme():
         for name in ('top', 'projections'):
             plain, figure = draw(name, runs), draw(name, runs, beneath=beneath)
@@ -61,7 +63,7 @@ def test_a_map_lies_where_its_origin_says_and_does_not_move_the_axes(tmp_path, y
             assert [len(axes.images) for axes in figure.axes] == [1] + [0] * (len(figure.axes) - 1)
             (image,) = figure.axes[0].images
             place = image.get_transform() - figure.axes[0].transData
-            expected = (-1 + 1.5, 2) if not yaw else (-1, 2 + 1.5)
+            expected = (-18.5, -20) if not yaw else (20, -18.5)
             assert place.transform((1.5, 0)) == pytest.approx(expected)
 
 
@@ -99,6 +101,14 @@ def test_an_image_with_too_many_pixels_is_refused_before_it_is_read(tmp_path):
     (tmp_path / 'm.pgm').write_bytes(b'P5 100 100 255\nabc')
     with pytest.raises(ConfigError, match='not an image'):
         load_map(file)
+
+
+def test_a_map_of_another_place_is_refused(tmp_path):
+    flight = simulate(duration_s=10.0)
+    runs = {'A': evaluate(flight.estimate, flight.ground_truth)}
+    far = load_map(write(tmp_path, YAML.format(yaw=0).replace('[-1, 2', '[-1000, 2')))
+    with theme(), pytest.raises(ConfigError, match='nowhere beneath the paths'):
+        draw('top', runs, beneath=far)
 
 
 def test_plot_draws_a_map_and_refuses_one_that_nothing_would_show(tmp_path):

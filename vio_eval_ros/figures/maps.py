@@ -37,9 +37,13 @@ class Map:
     origin: tuple[float, float, float]
 
     def draw(self, axes: Axes, shift: np.ndarray) -> None:
-        """Draw the map beneath all else, without a change of the limits of the axes."""
+        """
+        Draw the map beneath all else, without a change of the limits of the axes.
+
+        :raises ConfigError: it lies elsewhere than all that is drawn.
+        """
         from matplotlib.image import AxesImage
-        from matplotlib.transforms import Affine2D
+        from matplotlib.transforms import Affine2D, Bbox
 
         x, y, yaw = self.origin
         image = AxesImage(
@@ -48,9 +52,17 @@ class Map:
         image.set_data(self.greys)
         image.set_clim(0, 255)
         image.set_zorder(-1)
-        image.set_transform(
-            Affine2D().rotate(yaw).translate(x - shift[0], y - shift[1]) + axes.transData
-        )
+        place = Affine2D().rotate(yaw).translate(x - shift[0], y - shift[1])
+        left, right, bottom, top = self.extent
+        corners = [(left, bottom), (right, bottom), (right, top), (left, top)]
+        covered = Bbox.null()
+        covered.update_from_data_xy(place.transform(corners))
+        if not covered.overlaps(axes.dataLim):
+            raise ConfigError(
+                'the map is nowhere beneath the paths: its origin must be in the frame of the '
+                'ground truth'
+            )
+        image.set_transform(place + axes.transData)
         axes.add_image(image)
         image.set_clip_path(axes.patch)
 
