@@ -26,7 +26,7 @@ from vio_eval_ros.diagnosis.fitting import (
 BODY_MOTION_S = 0.5
 UP = np.array([0.0, 0.0, 1.0])
 #: what is left of displacements by one explanation, over what another leaves, where both hold
-AS_WELL = 1.2
+AS_WELL = 1.002
 #: Gauss-Newton steps of a lever arm and the world of a truth without orientations ...
 WORLD_STEPS = 8
 #: ... and what is expected of lever arm [m], scale and its drift, lag [s], world [rad], heading
