@@ -5,6 +5,7 @@ import pytest
 
 from verbs import document
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.recordings.agreement.origins import with_one_origin
 from vio_eval_ros.recordings.geographic import between_origins, east_north_up
@@ -64,13 +65,13 @@ def test_positions_and_orientations_turn_with_the_plane():
     one = Poses(stamps_ns, positions, rotations, covariances, origin=here)
     other = Poses(stamps_ns, expected, rotations, origin=there)
     sides = [Source(name, 'arrays', (), poses) for name, poses in (('e', one), ('g', other))]
-    moved, truth = with_one_origin((sides[0], sides[1]))
+    moved, truth = with_one_origin((sides[0], sides[1]), EvaluationConfig())
     assert moved.poses.positions == pytest.approx(expected, abs=1e-5)
     assert rotation.to_matrix(moved.poses.rotations[0]) == pytest.approx(matrix, abs=1e-12)
     turned = matrix @ np.diag([1.0, 2.0, 3.0]) @ matrix.T
     assert moved.poses.covariances[0, 1] == pytest.approx(turned, abs=1e-12)
     assert truth is sides[1]
-    assert with_one_origin((sides[1], sides[1])) == (sides[1], sides[1])
+    assert with_one_origin((sides[1], sides[1]), EvaluationConfig()) == (sides[1], sides[1])
 
 
 def test_one_side_that_is_not_on_the_earth_leaves_the_other_alone(inputs, tmp_path):
@@ -79,4 +80,10 @@ def test_one_side_that_is_not_on_the_earth_leaves_the_other_alone(inputs, tmp_pa
         (*PLACES[150, :2] + [OFF, 0], PLACES[150, 2]), abs=1e-4
     )
     local = Source('g', 'arrays', (), Poses(fixes.poses.stamps_ns, fixes.poses.positions))
-    assert with_one_origin((fixes, local)) == (fixes, local)
+    assert with_one_origin((fixes, local), EvaluationConfig()) == (fixes, local)
+    for alignment in ('none', 'scale'):
+        config = EvaluationConfig(alignment=alignment)
+        for sides in ((fixes, local), (local, fixes)):
+            note = with_one_origin(sides, config)[0].warnings[0]
+            assert 'relative to latitude 47.' in note
+            assert '--alignment se3' in note

@@ -30,7 +30,7 @@ def settled(estimate: Source, truth: Source, config: EvaluationConfig | None = N
     sides = with_units_of_stamps((estimate, truth), config)
     sides = with_orders(sides, config)
     sides = with_units_of_positions(sides, config)
-    return with_one_origin(with_held_orientations(sides, config))
+    return with_one_origin(with_held_orientations(sides, config), config)
 
 
 def assumed(estimate: Source, truth: Source) -> tuple[str, ...]:
