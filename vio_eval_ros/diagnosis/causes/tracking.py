@@ -32,8 +32,8 @@ LOST_TRACKING = KnownCause(
     'moves on, and poses missing from a regular stream',
     remedy='the estimator',
     evidence=_evidence,
-    advice='Look at the images of the named intervals: blur, darkness, no texture, dropped '
-    'frames. Of an excerpt, evaluate its own time: --end-s.',
+    advice='Of a file that is an excerpt, evaluate its own time (--end-s); otherwise look at the '
+    'images of the named intervals: blur, darkness, no texture, dropped frames.',
     limits=('lost_tracking_percent', 'late_start_percent', 'early_end_percent'),
     healthy=lambda limits, half_s: limits.lost_tracking_percent / 100,
 )
