@@ -14,6 +14,7 @@ from vio_eval_ros.errors import ConfigError, ReadError
 from vio_eval_ros.recordings.headerless import BODIES
 from vio_eval_ros.recordings.rotation_columns import from_euler
 from vio_eval_ros.recordings.sources import read_sources, Source
+from vio_eval_ros.simulation import simulate, SimulatedRun
 
 COUNT = 60
 RANDOM = np.random.default_rng(3)
@@ -684,3 +685,35 @@ def test_the_index_that_pandas_calls_unnamed_is_left_out(path):
     index = {**CELLS, 'index': [str(k) for k in range(COUNT)]}
     path.write_text(names + table(['index', *TUM], ',', index))
     check(read(path))
+
+
+def openvins_rows(velocities: np.ndarray, run: SimulatedRun) -> str:
+    """Return states without a header: t, quaternion, position, velocity, biases, calibration."""
+    poses = run.estimate
+    count = len(poses)
+    more = np.random.default_rng(0).normal(0, 0.1, (count, 8))
+    rows = np.column_stack([poses.rotations, poses.positions, velocities, more])
+    stamps = (f'{ns // 10**9}.{ns % 10**9:09d}' for ns in poses.stamps_ns.tolist())
+    return ''.join(
+        f'{stamp} {" ".join(f"{value:.9f}" for value in row)}\n'
+        for stamp, row in zip(stamps, rows, strict=True)
+    )
+
+
+def test_a_state_of_openvins_without_a_header_is_known_by_its_velocity(path):
+    run = simulate(duration_s=20.0)
+    seconds = (run.estimate.stamps_ns - run.estimate.stamps_ns[0]) / 1e9
+    velocities = np.gradient(run.estimate.positions, seconds, axis=0)
+    path.write_text(openvins_rows(velocities, run))
+    source = read(path)
+    assert source.readings == ()
+    assert source.poses.positions == pytest.approx(run.estimate.positions, abs=1e-8)
+    assert source.poses.rotations == pytest.approx(run.estimate.rotations, abs=1e-8)
+
+
+def test_columns_that_are_no_velocity_are_no_state_of_openvins(path):
+    run = simulate(duration_s=20.0)
+    noise = np.random.default_rng(1).normal(0, 0.5, (len(run.estimate), 3))
+    path.write_text(openvins_rows(noise, run))
+    with pytest.raises(ReadError, match=r'\?columns='):
+        read(path)

@@ -58,6 +58,8 @@ LEAST_NSEC = 1_000_000
 VINS_COLUMNS = (8, 11)  # without and with velocities
 CELLS = 16  # of a matrix 4x4
 OV_EVAL_COLUMNS = 20
+#: of a state, without its calibration; and how well velocities are the steps between positions
+OPENVINS_COLUMNS, LEAST_SPEED_M_S, SAME_VELOCITY = 17, 0.05, 0.3
 #: numbers that ros2 topic echo --csv prints of messages with a covariance: its place, all of them
 ECHOED = {'PoseWithCovarianceStamped': 9 + 36, 'Odometry': 9 + 36 + 6 + 36}
 
@@ -109,6 +111,8 @@ def known_layouts(file: TextFile, is_euroc: bool) -> list[Known]:
         return [Known.of('EuRoC', f't x y z {body}', used, width)]
     if _is_vins(file, used):
         return [Known.of('VINS-Mono', f't x y z {" ".join(W_FIRST)}', used, width)]
+    if _is_openvins(file, used):
+        return [Known.of('OpenVINS', f't {" ".join(QUATERNION)} x y z', used, width)]
     found = _found(file, used)
     if len(found) > 1 and TUM in found:
         found = [TUM]
@@ -127,6 +131,29 @@ def _is_vins(file: TextFile, used: list[int]) -> bool:
         and len(used) in VINS_COLUMNS
         and file.rows.exact[0].likely_unit == 'ns'
     )
+
+
+def _is_openvins(file: TextFile, used: list[int]) -> bool:
+    """
+    Return whether rows are states of OpenVINS: t, orientation, position, velocity, biases, more.
+
+    That the columns behind the position are its velocity is what no other layout has.
+    """
+    if len(used) < OPENVINS_COLUMNS or not _is_first(file, 't', used, 'quaternion, position'):
+        return False
+    values = take(file.rows.values, used[:11])
+    if not are_unit(values[:, 1:5]):
+        return False
+    seconds = values[:, 0] / (1e9 if file.rows.exact[0].likely_unit == 'ns' else 1)
+    steps = np.diff(seconds)
+    moving = steps > 0
+    moved = np.diff(values[:, 5:8], axis=0)[moving] / steps[moving, None]
+    stated = (values[1:, 8:11] + values[:-1, 8:11])[moving] / 2
+    speeds = np.linalg.norm(moved, axis=1)
+    if len(speeds) < FEWEST_STEPS or not np.median(speeds) > LEAST_SPEED_M_S:
+        return False
+    off = np.linalg.norm(moved - stated, axis=1)
+    return bool(np.median(off) < SAME_VELOCITY * np.median(speeds))
 
 
 def _found(file: TextFile, used: list[int]) -> list[tuple[str, str]]:
