@@ -48,9 +48,17 @@ LAYERS = {
         'reports',
         'settings',
     },
-    'live': {'core', 'diagnosis', 'evaluation', 'recordings', 'rendering', 'reports'},
+    'live': {
+        'core',
+        'comparison',
+        'diagnosis',
+        'evaluation',
+        'recordings',
+        'rendering',
+        'reports',
+    },
 }
-LAYERS['results'] = LAYERS['live'] | {'comparison', 'figures', 'imu', 'inspection'}
+LAYERS['results'] = LAYERS['live'] | {'figures', 'imu', 'inspection'}
 LAYERS['api'] = LAYERS['results'] | {'results'}
 SHELLS = {'ros', 'cli', '__main__', PACKAGE}
 ONLY_IN = {

@@ -350,6 +350,19 @@ def test_what_is_wrong_with_a_topic_is_a_warning(changes, problem):
     assert told(health.streams(replace(HEALTHY, topics=(topic, TRUTH)))) == ('WARN', problem)
 
 
+def test_streams_that_have_both_ended_are_no_fault():
+    topics = tuple(replace(topic, silent_s=7.0) for topic in (ESTIMATE, TRUTH))
+    snapshot = replace(HEALTHY, topics=topics)
+    ended = told(health.streams(snapshot))
+    assert ended[0] == 'OK'
+    assert ended[1].startswith('ended: nothing on /odom for 7 s')
+    alone = replace(snapshot, topics=topics[:1], stale_after_s=2.0)
+    span_ns = (0, topics[0].newest_ns + 1_000_000_000)
+    assert told(health.streams(replace(alone, file_span_ns=span_ns)))[0] == 'OK'
+    further_ns = (0, topics[0].newest_ns + 9_000_000_000)
+    assert told(health.streams(replace(alone, file_span_ns=further_ns)))[0] == 'STALE'
+
+
 def test_a_stream_that_has_stopped_is_stale():
     old = replace(ESTIMATE, silent_s=2.1)
     snapshot = replace(HEALTHY, topics=(old, TRUTH))

@@ -235,7 +235,7 @@ class Graph:
     def _diagnosed(self, array: DiagnosticArray) -> None:
         self.stamp_ns = array.header.stamp.sec * 10**9 + array.header.stamp.nanosec
         for status in array.status:
-            self.statuses[status.name.removeprefix('vio_evaluator: ')] = Status(status)
+            self.statuses[status.name.rpartition(': ')[2]] = Status(status)
 
 
 def send(publisher: Publisher, poses: Poses) -> None:

@@ -36,9 +36,9 @@ def test_every_topic_can_be_listened_to(graph, another, flown, evaluator, flight
     accuracy = graph.statuses['accuracy'].values
     assert running[-1].data == float(accuracy['ate_trans_rmse_m'])
     assert 0 < window[-1].data < largest[-1].data
-    assert set(graph.statuses) == {'accuracy', 'association', 'streams', 'diagnosis'}
+    assert set(graph.statuses) == {'accuracy', 'association', 'streams', 'diagnosis', 'metrics'}
     # what is latched reaches those who come late
-    graph.wait_for('streams', 'STALE')
+    graph.wait_for('streams', 'OK', 'ended: ')
     results = another.listen('/vio_evaluator/result', 'std_msgs/msg/String', latched=True)
     paths = [
         another.listen(f'/vio_evaluator/{name}', 'nav_msgs/msg/Path', latched=True)
@@ -160,7 +160,7 @@ def test_parameters_that_do_not_change_the_score_can_be_set(
     assert set_to('report_dir', str(taken)).startswith(f'{taken}: cannot write')
     assert set_to('report_dir', str(tmp_path)) == ''
     flown()
-    graph.wait_for('streams', 'STALE')
+    graph.wait_for('streams', 'OK', 'ended: ')
     assert graph.call('write_report').message == str(tmp_path)
     assert (tmp_path / 'result.json').exists()
 

@@ -216,9 +216,19 @@ def streams(snapshot: Snapshot) -> Status:
         problems.append('the clock jumped back: waiting for the streams to do so')
     if problems:
         return Status('streams', Level.WARN, '; '.join(problems + stale), values)
+    if stale and len(stale) == len(snapshot.topics) and _reached_the_end(snapshot):
+        return Status('streams', Level.OK, f'ended: {"; ".join(stale)}', values)
     if stale:
         return Status('streams', Level.STALE, '; '.join(stale), values)
     return Status('streams', Level.OK, 'running', values)
+
+
+def _reached_the_end(snapshot: Snapshot) -> bool:
+    """Return whether the estimate has come as far as a ground truth that is a file."""
+    if snapshot.file_span_ns is None:
+        return True
+    short_ns = snapshot.file_span_ns[1] - snapshot.topics[0].newest_ns
+    return short_ns / 1e9 <= snapshot.stale_after_s + snapshot.time_offset_s
 
 
 def topic_problems(topic: TopicState) -> list[str]:

@@ -15,6 +15,21 @@ SETTABLE = ('report_dir', 'window_s', 'stale_after_s', 'exit_code_from_gates')
 class NodeConfig(Options):
     """The options of the evaluator beside those of the evaluation."""
 
+    estimate: str = option(
+        '', 'topic of the estimate, or /tf:PARENT.CHILD; empty: estimate, which can be remapped'
+    )
+    ground_truth: str = option(
+        '', 'topic of the ground truth, or /tf:PARENT.CHILD; empty: ground_truth, likewise'
+    )
+    estimate_frames: tuple[str, ...] = option(
+        (), 'the estimate as two frames of /tf: parent and child'
+    )
+    ground_truth_frames: tuple[str, ...] = option(
+        (), 'the ground truth as two frames of /tf: parent and child'
+    )
+    estimates: tuple[str, ...] = option(
+        (), 'several estimates: NAME:=TOPIC of each, or NAME:=/tf:PARENT.CHILD'
+    )
     estimate_type: str = option('', 'message type of the estimate; empty: found out')
     ground_truth_type: str = option('', 'message type of the ground truth; empty: found out')
     ground_truth_file: str = option(

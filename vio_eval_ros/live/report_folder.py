@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from pathlib import Path
 
+from vio_eval_ros.comparison.comparison import Comparison
 from vio_eval_ros.errors import VioEvalError, WriteError
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.live.run import LiveRun, remove_report
-from vio_eval_ros.rendering.files import make_writable
+from vio_eval_ros.rendering.files import make_writable, write_all
+from vio_eval_ros.reports.compared import COMPARISON_REPORTS
+
+COMPARISON_FILES = {
+    'json': 'comparison.json',
+    'markdown': 'comparison.md',
+    'csv': 'comparison.csv',
+}
 
 
 class ReportFolder:
@@ -45,25 +54,47 @@ class ReportFolder:
         self._forget(name)
         self._folder = folder
 
-    def write(self, run: LiveRun, name: Path) -> tuple[Result, Path] | None:
+    def write(
+        self,
+        runs: Mapping[str, LiveRun],
+        name: Path,
+        compare: Callable[[Mapping[str, Result]], Comparison],
+    ) -> tuple[dict[str, Result], Path] | None:
         """
-        Return the result that was written, and where; None where none was.
+        Return the results that were written, and where; None where none were.
 
+        :param runs: of one estimate, or of several by their names: then each has a folder of its
+            own, beside their comparison.
         :param name: of the folder below it; empty while there is one run.
         """
         if not self._folder:
             return None
         folder = Path(self._folder) / name
         try:
-            result = run.write(folder)
+            results = {label: run.write(folder / label) for label, run in runs.items()}
+            if len(results) > 1:
+                found = compare(results)
+                write_all(
+                    {
+                        folder / file: COMPARISON_REPORTS[kind](found)
+                        for kind, file in COMPARISON_FILES.items()
+                    }
+                )
         except (VioEvalError, OSError) as error:
             self._cannot_write(folder, error)
             return None
         self._forget(name)
         if name.name and self._interim == Path(self._folder):
-            remove_report(self._interim)  # else it would pass for that of the last run
+            self._remove_interim(runs)  # else it would pass for that of the last run
         self._interim = folder
-        return result, folder
+        return results, folder
+
+    def _remove_interim(self, labels: Iterable[str]) -> None:
+        for label in labels:
+            remove_report(Path(self._folder) / label)
+        for file in COMPARISON_FILES.values():
+            with suppress(OSError):
+                (Path(self._folder) / file).unlink()
 
     def next_run(self) -> None:
         """Go on to the next run."""

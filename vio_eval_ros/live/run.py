@@ -74,6 +74,8 @@ class LiveRun:
         self.began_as = began_as
         #: the running values of the last second that is over
         self.values: Mapping[str, float] = {}
+        #: the stamp of the first second that was over; 0 before
+        self.began_ns = 0
         #: all metrics of the window
         self.window: Mapping[str, float] = {}
         #: whether no pose has arrived
@@ -180,6 +182,7 @@ class LiveRun:
         for row in self._series.rows():
             self._rows.append(row)
             self.values = row[1]
+            self.began_ns = self.began_ns or row[0]
             yield row
 
     def look(self, window_s: float) -> None:

@@ -9,14 +9,14 @@ than its mere deserialisation elsewhere. What has arrived is evaluated once a se
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 import math
 from pathlib import Path
 import time
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rcl_interfaces.msg import SetParametersResult
 import rclpy
 from rclpy.clock import Clock, ClockType, JumpThreshold
@@ -27,32 +27,31 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.publisher import Publisher
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from std_msgs.msg import Float64, String
 from std_srvs.srv import Trigger
 
-from vio_eval_ros.core.config import nearest_name
+from vio_eval_ros.comparison.comparison import Comparison
+from vio_eval_ros.comparison.matrix import CellRun, default_metrics
+from vio_eval_ros.comparison.tables import text_tables
+from vio_eval_ros.core.config import EvaluationConfig, nearest_name
 from vio_eval_ros.core.evaluation import Evaluation, metric_names
 from vio_eval_ros.core.gates import check_names
 from vio_eval_ros.diagnosis.limits import DiagnosisLimits
 from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE, VioEvalError, WriteError
 from vio_eval_ros.evaluation.result import Result
-from vio_eval_ros.live.health import conclusions, statuses, why_no_pairs
+from vio_eval_ros.live.health import statuses, why_no_pairs
+from vio_eval_ros.live.inputs import estimates_of, ground_truth_of, InputName
 from vio_eval_ros.live.options import NodeConfig
 from vio_eval_ros.live.queues import LAG_S, why_the_run_ends
 from vio_eval_ros.live.report_folder import ReportFolder
-from vio_eval_ros.live.run import LiveRun, RunSetup
+from vio_eval_ros.live.run import RunSetup
 from vio_eval_ros.live.snapshot import Snapshot
 from vio_eval_ros.recordings.agreement.orders import alone
-from vio_eval_ros.recordings.sources import read_sources
-from vio_eval_ros.rendering.text import number
-from vio_eval_ros.reports import REPORTS
-from vio_eval_ros.reports.text import headline
+from vio_eval_ros.recordings.sources import read_sources, Source
 from vio_eval_ros.ros.context import join
-from vio_eval_ros.ros.markers import Display
+from vio_eval_ros.ros.estimator import Estimator
+from vio_eval_ros.ros.outputs import Outputs
 from vio_eval_ros.ros.parameters import changed, declare, refuse_unknown
 from vio_eval_ros.ros.pose_topic import PoseTopic
-from vio_eval_ros.ros.status import status_message
 from vio_eval_ros.settings import gates_of, limits_of
 
 NAME = 'vio_evaluator'
@@ -72,9 +71,50 @@ class Evaluator(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__(NAME, **options)
         config, self._settings = declare(self)
-        gates, file = self._settings.gates_file, self._settings.ground_truth_file
+        setup = self._common_setup(config)
+        names = estimates_of(self._settings), ground_truth_of(self._settings)
+        streams = [self._stream('estimate', name) for name in names[0]]
+        # made for its parameters also where a file takes its place
+        truth = self._stream('ground_truth', names[1])
+        self._truth = None if setup.truth else truth
+        self._streams = [*streams, *([self._truth] if self._truth else [])]
+        refuse_unknown(self)
+        _refuse_twice(self._streams)
+        metrics = self._chosen_metrics(config)
+        running = tuple(Evaluation(config).running())
+        self._estimators = [
+            Estimator(
+                name.label,
+                stream,
+                replace(setup, names=(stream.topic, truth.topic)),
+                Outputs(self, name.label, metrics, running),
+            )
+            for name, stream in zip(names[0], streams, strict=True)
+        ]
+        self._number = 1  # of the run
+        self._gates = setup.gates
+        self._file_span_ns = _span_ns(setup.truth) if setup.truth else None
+        self._time_offset_s = config.time_offset_s
+        self._compared = default_metrics(config)
+        self._reports = ReportFolder(self._settings.report_dir, self.get_logger().error)
+        self._failed_gates = False
+        self._other_nodes = 0  # of the same name
+        self._clock_jumped_s = math.inf  # monotonic, until the run ends
+        self._ended_s = -math.inf  # monotonic, when the run before ended
+        self._published = 0  # messages of which the result is published
+        self._serve('reset', self._reset)
+        self._serve('write_report', self._write_report)
+        self._create_timers()
+        self.add_on_set_parameters_callback(self._set_parameters)
+        awaited = ' and '.join(f'{s.topic} ({s.name.replace("_", " ")})' for s in self._streams)
+        self.get_logger().info(f'waiting for {awaited}')
+
+    def _common_setup(self, config: EvaluationConfig) -> RunSetup:
+        """Return what the runs of all estimates have in common."""
+        gates_file, file = self._settings.gates_file, self._settings.ground_truth_file
         with _naming('gates_file'):
-            self._gates = gates_of(Path(gates)) if gates else []
+            gates = gates_of(Path(gates_file)) if gates_file else []
+            check_names(gates, metric_names(config))
         with _naming('ground_truth_file'):
             truth = alone(read_sources([file])[0]) if file else None
         with _naming('limits_file'):
@@ -82,37 +122,31 @@ class Evaluator(Node):
             limits = limits_of(DiagnosisLimits, 'diagnose', self._settings.profile, limits_file)
         for sentence in truth.warnings if truth else ():
             self.get_logger().warning(sentence)
-        self._estimate = PoseTopic(self, 'estimate', self._settings.estimate_type)
-        # made for its parameters also where a file takes its place
-        truth_topic = PoseTopic(
-            self, 'ground_truth', '' if file else self._settings.ground_truth_type
-        )
-        self._topics = [self._estimate] if file else [self._estimate, truth_topic]
-        refuse_unknown(self)
-        if len({topic.topic for topic in self._topics}) < len(self._topics):
-            raise ConfigError(f'estimate and ground_truth are both {self._estimate.topic}')
-        names = (self.resolve_topic_name('estimate'), self.resolve_topic_name('ground_truth'))
-        self._setup = RunSetup(
+        return RunSetup(
             config=config,
-            names=names,
-            gates=self._gates,
+            names=('', ''),
+            gates=gates,
             truth=truth,
             max_pairs=self._settings.max_pairs,
             limits=limits,
         )
-        self._run = LiveRun(self._setup)
-        self._reports = ReportFolder(self._settings.report_dir, self.get_logger().error)
-        self._failed_gates = False
-        self._problem = ''  # of the run: why it cannot be evaluated
-        self._other_nodes = 0  # of the same name
-        self._clock_jumped_s = math.inf  # monotonic, until the run ends
-        self._ended_s = -math.inf  # monotonic, when the run before ended
-        self._published = 0  # messages of which the result is published
-        self._create_outputs()
-        self._create_timers()
-        self.add_on_set_parameters_callback(self._set_parameters)
-        awaited = ' and '.join(f'{t.topic} ({t.name.replace("_", " ")})' for t in self._topics)
-        self.get_logger().info(f'waiting for {awaited}')
+
+    def _stream(self, side: str, name: InputName) -> PoseTopic:
+        """Return a stream of poses."""
+        msgtype = getattr(self._settings, f'{side}_type')
+        is_unused = side == 'ground_truth' and self._settings.ground_truth_file
+        return PoseTopic(self, side, name.topic, '' if is_unused else msgtype)
+
+    def _chosen_metrics(self, config: EvaluationConfig) -> list[str]:
+        """Return the names of the metrics with topics of their own."""
+        known, names = metric_names(config), self._settings.publish_metrics
+        if names == NodeConfig().publish_metrics:  # other deltas, other names
+            return [name for name in names if name in known]
+        for name in names:
+            if name not in known:
+                near = nearest_name(name, known)
+                raise ConfigError(f"publish_metrics: there is no metric '{name}'{near}")
+        return list(names)
 
     def create_publisher(self, *given: Any, **options: Any) -> Publisher:
         """Create a publisher without handlers of events: each would cost at every wake-up."""
@@ -121,8 +155,8 @@ class Evaluator(Node):
 
     def destroy_node(self) -> None:
         """Leave the graph."""
-        for topic in self._topics:
-            topic.close()
+        for stream in self._streams:
+            stream.close()
         super().destroy_node()
 
     @property
@@ -135,37 +169,22 @@ class Evaluator(Node):
     @property
     def _frame(self) -> str:
         """The frame of the ground truth."""
-        return 'world' if self._setup.truth else self._topics[-1].frame
+        return self._truth.frame if self._truth else 'world'
+
+    @property
+    def _run_folder(self) -> Path:
+        """Where the report of the run goes while it goes on, in the report folder."""
+        return self._folder if self._number > 1 else Path()
 
     @property
     def _folder(self) -> Path:
-        """Where the report of the run goes, in the report folder."""
-        return _folder_of(self._run) if self._run.number > 1 else Path()
+        """Where it goes once there is another run."""
+        return Path(f'run_{self._number:04d}')
 
-    def _create_outputs(self) -> None:
-        config = self._setup.config
-        known, running = metric_names(config), Evaluation(config).running()
-        check_names(self._gates, known)
-        names = self._settings.publish_metrics
-        if names == NodeConfig().publish_metrics:
-            names = tuple(name for name in names if name in known)  # other deltas, other names
-        for name in names:
-            if name not in known:
-                near = nearest_name(name, known)
-                raise ConfigError(f"publish_metrics: there is no metric '{name}'{near}")
-
-        def topic(kind: str, name: str) -> Publisher:
-            # a delta such as 0.5s has a dot, which the name of a topic must not have
-            return self.create_publisher(Float64, f'~/{kind}/{name.replace(".", "_")}', 10)
-
-        self._windows = {name: topic('window', name) for name in names}
-        self._metrics = {name: topic('metrics', name) for name in names if name in running}
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._diagnostics = self.create_publisher(DiagnosticArray, '/diagnostics', 10)
-        self._result = self.create_publisher(String, '~/result', latched)
-        self._display = Display(self)
-        self._serve('reset', self._reset)
-        self._serve('write_report', self._write_report)
+    @property
+    def _is_empty(self) -> bool:
+        """Whether no pose of the run has arrived."""
+        return all(one.run.is_empty for one in self._estimators)
 
     def _create_timers(self) -> None:
         steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -180,73 +199,56 @@ class Evaluator(Node):
         )
 
     def _drain(self) -> None:
-        for topic in self._topics:
-            topic.drain()
+        for stream in self._streams:
+            stream.drain()
 
     def _discover(self) -> None:
-        for topic in self._topics:
-            topic.discover()
+        for stream in self._streams:
+            stream.discover()
         own = (self.get_name(), self.get_namespace())
         self._other_nodes = self.get_node_names_and_namespaces().count(own) - 1
 
     def _tick(self) -> None:
         """Evaluate what has arrived since the last tick, and publish."""
         try:
-            self._evaluate()
+            self._take_in()
         except VioEvalError as error:
-            if str(error) != self._problem:
-                self._problem = str(error)
-                self.get_logger().error(self._problem)
-        found = statuses(self._snapshot())
-        array = DiagnosticArray(status=[status_message(status, NAME) for status in found])
-        array.header.stamp = self.get_clock().now().to_msg()
-        self._diagnostics.publish(array)
+            self.get_logger().error(str(error))
+        for estimator in self._estimators:
+            if problem := estimator.evaluate(self._settings.window_s, self._frame):
+                self.get_logger().error(problem)
+            estimator.outputs.publish_health(statuses(self._snapshot(estimator)))
+        self._publish_results_of_silence()
 
-    def _snapshot(self) -> Snapshot:
-        """Return all that the health of the evaluation is judged by."""
-        truth = self._setup.truth
-        stamps_ns = truth.poses.stamps_ns if truth else None
-        problems = (self._problem, *self._reports.unwritten.values())
+    def _snapshot(self, estimator: Estimator) -> Snapshot:
+        """Return all that the health of an evaluation is judged by."""
+        streams = filter(None, (estimator.stream, self._truth))
+        problems = (estimator.problem, *self._reports.unwritten.values())
         return Snapshot(
-            run=self._run.state(),
-            topics=tuple(topic.state for topic in self._topics),
-            file_span_ns=None
-            if stamps_ns is None
-            else (int(stamps_ns.min()), int(stamps_ns.max())),
+            run=estimator.run.state(),
+            topics=tuple(stream.state for stream in streams),
+            file_span_ns=self._file_span_ns,
             gates=self._gates,
-            time_offset_s=self._setup.config.time_offset_s,
+            time_offset_s=self._time_offset_s,
             stale_after_s=self._settings.stale_after_s,
             problems=tuple(problem for problem in problems if problem),
             clock_jumped=self._clock_jumped_s < math.inf,
             other_node=self.get_fully_qualified_name() if self._other_nodes else '',
         )
 
-    def _evaluate(self) -> None:
-        self._take_in()
-        self._advance()
-        self._run.look(self._settings.window_s)
-        if self._run.values:
-            _publish(self._windows, self._run.window)
-            if self._display.is_watched():
-                self._display.show(*self._run.evaluation.aligned(), self._frame)
-        received = sum(topic.received for topic in self._topics)
-        silent = all(topic.silent_s > self._settings.stale_after_s for topic in self._topics)
+    def _publish_results_of_silence(self) -> None:
+        """Publish the results where all streams are silent, once for what has arrived."""
+        received = sum(stream.received for stream in self._streams)
+        silent = all(one.silent_s > self._settings.stale_after_s for one in self._streams)
         if silent and received > self._published:
             self._published = received
-            self._publish_result(self._run.result())
-
-    def _advance(self) -> None:
-        """Evaluate the seconds that are over, and publish their running metrics."""
-        for _, values in self._run.advance():
-            _publish(self._metrics, values)
-
-    def _publish_result(self, result: Result) -> None:
-        self._result.publish(String(data=REPORTS['json'](result)))
+            for estimator in self._estimators:
+                estimator.outputs.publish_result(estimator.run.result())
 
     def _take_in(self) -> None:
         """Hand the poses that have arrived to their run; go on to the next where one ends."""
-        for topic in self._topics:
-            topic.read()
+        for stream in self._streams:
+            stream.read()
         self._hand_over()
         self._end_runs()
         if self._clock_jumped_s + LAG_S < time.monotonic():
@@ -255,44 +257,40 @@ class Evaluator(Node):
     def _end_runs(self, at_once: bool = False) -> None:
         """Go on to the next run as long as a jump back in time says so."""
         while why := why_the_run_ends(
-            [topic.progress for topic in self._topics], time.monotonic(), at_once
+            [stream.progress for stream in self._streams], time.monotonic(), at_once
         ):
             self._next_run(why)
 
     def _hand_over(self) -> None:
-        for topic in self._topics:
-            poses = topic.queue.take()
-            if not len(poses):
-                continue
-            if topic is self._estimate:
-                self._run.add_estimate(poses, topic.revisions)
-            else:
-                self._run.add_ground_truth(poses)
+        truth = self._truth.queue.take() if self._truth else None
+        for estimator in self._estimators:
+            estimator.hand_over(truth)
 
     def _release(self) -> None:
         """Hand over what is withheld as well: nothing more will come to tell what it is."""
-        for topic in self._topics:
-            topic.queue.release()
+        for stream in self._streams:
+            stream.queue.release()
         self._hand_over()
 
     def _on_clock_jump(self) -> None:
         # the streams, which jump as well, may have ended the run already
-        if not self._run.is_empty and time.monotonic() - self._ended_s > LAG_S:
+        if not self._is_empty and time.monotonic() - self._ended_s > LAG_S:
             self._clock_jumped_s = time.monotonic()
 
     def _next_run(self, why: str) -> None:
         """Close the run with its report, and begin the next."""
-        self.get_logger().warning(f'{why}: run {self._run.number} ends, the next begins')
+        self.get_logger().warning(f'{why}: run {self._number} ends, the next begins')
         try:
-            self._close(_folder_of(self._run))
+            self._close(self._folder)
         finally:  # whatever became of it, it has ended
-            for topic in self._topics:
-                topic.next_run()
+            for stream in self._streams:
+                stream.next_run()
             self._reports.next_run()
             self._ended_s = time.monotonic()
             self._clock_jumped_s = math.inf
-            self._problem = ''
-            self._run = LiveRun(self._setup, self._run.number + 1, why)
+            self._number += 1
+            for estimator in self._estimators:
+                estimator.next_run(self._number, why)
         self._hand_over()
 
     def end(self) -> None:
@@ -300,34 +298,45 @@ class Evaluator(Node):
         self._take_in()
         self._end_runs(at_once=True)
         self._release()
-        if not (self._run.is_empty and self._run.number > 1):  # else the one before was the last
-            self._close(self._folder)
+        if not (self._is_empty and self._number > 1):  # else the one before was the last
+            self._close(self._run_folder)
 
     def _close(self, folder: Path) -> None:
-        """Write, publish and log the result of a run that has ended; remember its verdict."""
-        self._failed_gates |= self._finish(folder).passed is False
+        """Write, publish and log the results of a run that has ended; remember the verdicts."""
+        results = self._finish(folder)
+        self._failed_gates |= any(result.passed is False for result in results.values())
 
-    def _finish(self, folder: Path) -> Result:
-        """Write, publish and log the result of the run; return it."""
-        self._advance()
-        self._run.notes = [note for topic in self._topics for note in topic.notes()]
+    def _finish(self, folder: Path) -> dict[str, Result]:
+        """Write, publish and log the results of the run; return them by estimate."""
+        runs = {}
+        for estimator in self._estimators:
+            estimator.advance()
+            heard = filter(None, (estimator.stream, self._truth))
+            estimator.run.notes = [note for stream in heard for note in stream.notes()]
+            runs[estimator.label] = estimator.run
         # what an earlier evaluator left there is not replaced by nothing
-        written = None if self._run.is_empty else self._reports.write(self._run, folder)
-        result = written[0] if written else self._run.result()
-        self._publish_result(result)
-        self._log(result, f'; the report is in {written[1]}' if written else '')
-        return result
+        written = None if self._is_empty else self._reports.write(runs, folder, self._compare)
+        results = written[0] if written else {label: run.result() for label, run in runs.items()}
+        for estimator in self._estimators:
+            estimator.outputs.publish_result(results[estimator.label])
+        self._log(results, f'; the report is in {written[1]}' if written else '')
+        return results
 
-    def _log(self, result: Result, where: str) -> None:
-        log, pairs = self.get_logger(), result.summary.pairs
-        found = headline(result) if len(pairs) else why_no_pairs(self._snapshot())
-        log.info(f'run {self._run.number}: {found}{where}')
-        diagnosis = self._run.monitor.conclude(pairs)
-        for note in [*self._run.notes, *conclusions(diagnosis, self._run.monitor.problem)]:
-            log.warning(note)
-        for verdict in result.verdicts:
-            if not verdict.passed:
-                log.warning(f'{verdict.word} {verdict.gate} (is {number(verdict.value)})')
+    def _compare(self, results: Mapping[str, Result]) -> Comparison:
+        runs = {label: CellRun.of(label, result) for label, result in results.items()}
+        return Comparison(runs, tuple(self._compared))
+
+    def _log(self, results: Mapping[str, Result], where: str) -> None:
+        log = self.get_logger()
+        for estimator in self._estimators:
+            name = f'{estimator.label}: ' if estimator.label else ''
+            found, wrong = estimator.told(results[estimator.label], self._snapshot(estimator))
+            log.info(f'run {self._number}: {name}{found}{where}')
+            for line in wrong:
+                log.warning(f'{name}{line}')
+        if len(results) > 1:
+            for line in text_tables(self._compare(results).matrix).splitlines():
+                log.info(line)
 
     def _serve(self, name: str, do: Callable[[], str]) -> None:
         """Offer a service that answers with what was done, or why it could not be."""
@@ -344,18 +353,19 @@ class Evaluator(Node):
     def _reset(self) -> str:
         self._take_in()
         self._release()
-        if not self._run.is_empty:
+        if not self._is_empty:
             self._next_run('reset was called')
-        return f'run {self._run.number} begins'
+        return f'run {self._number} begins'
 
     def _write_report(self) -> str:
         self._take_in()
-        if self._run.is_empty:
-            raise VioEvalError(f'nothing to report: {why_no_pairs(self._snapshot())}')
-        self._finish(self._folder)
+        if self._is_empty:
+            why = why_no_pairs(self._snapshot(self._estimators[0]))
+            raise VioEvalError(f'nothing to report: {why}')
+        self._finish(self._run_folder)
         if not self._settings.report_dir:
             return 'published, not written'
-        folder = Path(self._settings.report_dir) / self._folder
+        folder = Path(self._settings.report_dir) / self._run_folder
         if folder in self._reports.unwritten:
             raise VioEvalError(self._reports.unwritten[folder])
         return str(folder)
@@ -363,15 +373,25 @@ class Evaluator(Node):
     def _set_parameters(self, parameters: list[Parameter]) -> SetParametersResult:
         try:
             settings = changed(self._settings, parameters)
-            self._reports.move(settings.report_dir, self._folder)
+            self._reports.move(settings.report_dir, self._run_folder)
             self._settings = settings
         except (ConfigError, WriteError) as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
 
-def _folder_of(run: LiveRun) -> Path:
-    return Path(f'run_{run.number:04d}')
+def _refuse_twice(streams: Sequence[PoseTopic]) -> None:
+    """Raise where two streams are one."""
+    names: dict[str, str] = {}
+    for stream in streams:
+        other = names.setdefault(stream.topic, stream.name)
+        if other != stream.name:
+            raise ConfigError(f'{other} and {stream.name} are both {stream.topic}')
+
+
+def _span_ns(source: Source) -> tuple[int, int]:
+    stamps_ns = source.poses.stamps_ns
+    return int(stamps_ns.min()), int(stamps_ns.max())
 
 
 @contextmanager
@@ -381,11 +401,6 @@ def _naming(parameter: str) -> Iterator[None]:
         yield
     except VioEvalError as error:
         raise ConfigError(f'{parameter}: {error}') from None
-
-
-def _publish(publishers: Mapping[str, Publisher], values: Mapping[str, float]) -> None:
-    for name, publisher in publishers.items():
-        publisher.publish(Float64(data=float(values[name])))
 
 
 def spin(argv: list[str], signals: list[int]) -> int:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, PoseStamped
 from nav_msgs.msg import Path
 import numpy as np
-from rclpy.node import Node
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.publisher import Publisher
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -20,13 +22,16 @@ WIDTH_M = 0.03
 
 
 class Display:
-    """Publishes paths and errors; the last ones are latched."""
+    """
+    Publishes paths and errors.
 
-    def __init__(self, node: Node) -> None:
-        latched = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-        self._aligned = node.create_publisher(Path, '~/estimate_aligned', latched)
-        self._truth = node.create_publisher(Path, '~/ground_truth_path', latched)
-        self._markers = node.create_publisher(MarkerArray, '~/error_markers', latched)
+    :param publisher: makes a publisher of a type and a name, whose last message is latched.
+    """
+
+    def __init__(self, publisher: Callable[[Any, str], Publisher]) -> None:
+        self._aligned = publisher(Path, 'estimate_aligned')
+        self._truth = publisher(Path, 'ground_truth_path')
+        self._markers = publisher(MarkerArray, 'error_markers')
 
     def is_watched(self) -> bool:
         """Return whether anybody has subscribed."""

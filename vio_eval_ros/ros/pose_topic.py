@@ -76,14 +76,16 @@ class PoseTopic:
     """
     One of the two inputs: finds out its type, takes its messages and hands on their poses.
 
-    :param name: ``estimate`` or ``ground_truth``; remap it to the topic.
+    :param name: ``estimate`` or ``ground_truth``.
+    :param topic: as written in a parameter, or to be remapped.
     :param msgtype: its message type; empty finds it out from the publishers.
     :raises ConfigError: a message type without poses, or a quality of service that does not exist.
     """
 
-    def __init__(self, node: Node, name: str, msgtype: str) -> None:
+    def __init__(self, node: Node, name: str, topic: str, msgtype: str) -> None:
         self.name = name
-        self.topic = node.resolve_topic_name(name)
+        self.topic = node.resolve_topic_name(topic)
+        self._given = topic  # a name that is resolved would be remapped once more
         self.queue = RunQueue()
         self.received = 0
         #: when something came last [monotonic s]; at first, when this began
@@ -160,8 +162,7 @@ class PoseTopic:
     def discover(self) -> None:
         """Look at the publishers and at what was lost; subscribe when the type is known."""
         self._count_events()
-        # its name, since a name that is resolved would be remapped once more
-        found = self._node.get_publishers_info_by_topic(self.name)
+        found = self._node.get_publishers_info_by_topic(self._given)
         self._publishers = tuple(sorted(_full_name(info) for info in found))
         if self.received > self._received_before:
             self._mixed = mixed(self.topic, self._publishers) or self._mixed
@@ -277,7 +278,7 @@ class PoseTopic:
             ) from None
         self._subscription = self._node.create_subscription(
             self._class,
-            self.name,
+            self._given,
             lambda message: None,
             self._quality,
             callback_group=Polled(),

@@ -1,0 +1,76 @@
+"""An estimate under test, on the node: its stream, its run, its topics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from vio_eval_ros.core.trajectory import Poses
+from vio_eval_ros.errors import VioEvalError
+from vio_eval_ros.evaluation.result import Result
+from vio_eval_ros.live.health import conclusions, why_no_pairs
+from vio_eval_ros.live.run import LiveRun, RunSetup
+from vio_eval_ros.live.snapshot import Snapshot
+from vio_eval_ros.rendering.text import number
+from vio_eval_ros.reports.text import headline
+from vio_eval_ros.ros.outputs import Outputs
+from vio_eval_ros.ros.pose_topic import PoseTopic
+
+
+class Estimator:
+    """
+    An estimate under test.
+
+    :param label: what it is called beside others; empty where there is only one.
+    """
+
+    def __init__(self, label: str, stream: PoseTopic, setup: RunSetup, outputs: Outputs) -> None:
+        self.label = label
+        self.stream = stream
+        self.run = LiveRun(setup)
+        self.outputs = outputs
+        self.problem = ''  # of the run: why it cannot be evaluated
+        self._setup = setup
+
+    def hand_over(self, truth: Poses | None) -> None:
+        """Hand the poses that have arrived to the run, those of the ground truth as well."""
+        poses = self.stream.queue.take()
+        if len(poses):
+            self.run.add_estimate(poses, self.stream.revisions)
+        if truth is not None and len(truth):
+            self.run.add_ground_truth(truth)
+
+    def evaluate(self, window_s: float, frame: str) -> str:
+        """Evaluate what is certain by now, and publish; return what is newly wrong."""
+        try:
+            self.advance()
+            self.run.look(window_s)
+        except VioEvalError as error:
+            before, self.problem = self.problem, str(error)
+            return '' if self.problem == before else self.problem
+        if self.run.values:
+            self.outputs.publish_window(self.run.window)
+            self.outputs.show(self.run.evaluation, frame)
+        return ''
+
+    def advance(self) -> None:
+        """Evaluate the seconds that are over, and publish their running values."""
+        for stamp_ns, values in self.run.advance():
+            self.outputs.publish_second(stamp_ns, values, self.run.began_ns)
+
+    def next_run(self, number: int, why: str) -> None:
+        """Begin another run."""
+        self.problem = ''
+        self.run = LiveRun(self._setup, number, why)
+
+    def told(self, result: Result, snapshot: Snapshot) -> tuple[str, Sequence[str]]:
+        """Return what to log of a run that has ended: a line, and what is wrong."""
+        pairs = result.summary.pairs
+        found = headline(result) if len(pairs) else why_no_pairs(snapshot)
+        diagnosis = self.run.monitor.conclude(pairs)
+        wrong = [*self.run.notes, *conclusions(diagnosis, self.run.monitor.problem)]
+        wrong += [
+            f'{verdict.word} {verdict.gate} (is {number(verdict.value)})'
+            for verdict in result.verdicts
+            if not verdict.passed
+        ]
+        return found, wrong
