@@ -296,7 +296,7 @@ def test_a_stream_that_has_not_come_is_not_apart():
 
 
 def test_the_streams_have_their_counts_by_name():
-    topic = replace(ESTIMATE, lost=1, full=2, undecodable=3, incompatible=4)
+    topic = replace(ESTIMATE, sent_before=5, lost=1, full=2, undecodable=3, incompatible=4)
     values = health.streams(replace(HEALTHY, topics=(topic,))).values
     assert values == {
         'run': 1,
@@ -304,11 +304,22 @@ def test_the_streams_have_their_counts_by_name():
         'estimate_type': ODOMETRY,
         'estimate_publishers': 1,
         'estimate_received': 200,
+        'estimate_sent_before': 5,
         'estimate_lost': 1,
         'estimate_queue_full': 2,
         'estimate_undecodable': 3,
         'estimate_incompatible_qos': 4,
     }
+
+
+def test_what_was_sent_before_the_node_was_there_is_told_but_is_no_problem():
+    late = replace(ESTIMATE, sent_before=12), replace(TRUTH, sent_before=1)
+    status = health.streams(replace(HEALTHY, topics=late))
+    assert status.level == Level.OK
+    assert status.message == (
+        f'running; 12 messages of {ESTIMATE.topic} were sent before the evaluator subscribed; '
+        f'1 message of {TRUTH.topic} was sent before the evaluator subscribed'
+    )
 
 
 @pytest.mark.parametrize(

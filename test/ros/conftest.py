@@ -148,7 +148,7 @@ def evaluator(graph, capfd, monkeypatch) -> Iterator[Callable[..., Evaluator]]:
     """
     from vio_eval_ros.ros import evaluator_node
 
-    for name, seconds in (('TICK_S', 0.1), ('DISCOVERY_S', 0.05), ('DRAIN_S', 0.02)):
+    for name, seconds in (('TICK_S', 0.1), ('DRAIN_S', 0.02)):
         monkeypatch.setattr(evaluator_node, name, seconds)
     started: list[Evaluator] = []
 

@@ -153,18 +153,30 @@ class Graph:
         return '\n'.join(f'{name}: {status}' for name, status in self.statuses.items())
 
     def publisher(
-        self, topic: str, msgtype: str, reliable: bool = True, matched: bool = True
+        self,
+        topic: str,
+        msgtype: str,
+        reliable: bool = True,
+        matched: bool = True,
+        latched: bool = False,
     ) -> Publisher:
         """Return a publisher, when somebody has subscribed to it."""
         quality = QoSProfile(
             depth=20_000,
             reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         )
+        if latched:
+            quality.durability = DurabilityPolicy.TRANSIENT_LOCAL
         publisher = self._node.create_publisher(_class(msgtype), topic, quality)
         if matched:
-            self._publishers.append(publisher)
-            self.wait_until(lambda: self._is_matched(publisher), f'a subscription to {topic}')
+            self.match(publisher)
         return publisher
+
+    def match(self, publisher: Publisher) -> None:
+        """Wait until somebody has subscribed to a publisher."""
+        self._publishers.append(publisher)
+        topic = publisher.topic_name
+        self.wait_until(lambda: self._is_matched(publisher), f'a subscription to {topic}')
 
     def _is_matched(self, publisher: Publisher) -> bool:
         """Return whether nothing that is published now is lost: both sides know each other."""
@@ -210,6 +222,10 @@ class Graph:
             'the time',
             meanwhile=lambda: clock.publish(clock_message(stamp_ns)),
         )
+
+    def subscribers(self, topic: str) -> int:
+        """Return how many subscriptions to a topic there are."""
+        return self._node.count_subscribers(topic)
 
     def topics(self) -> set[str]:
         """Return the names of all topics."""

@@ -9,11 +9,15 @@ import pytest
 pytest.importorskip('rclpy', reason='needs ROS 2: pip install ".[ros]"')
 
 from rclpy import qos_overriding_options
+from rclpy.executors import Executor
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
 ROS = Path(__file__).resolve().parents[2] / 'vio_eval_ros' / 'ros'
-PRIVATE = {'_declare_qos_parameters', '_parameter_overrides', 'EventHandle', 'take_message'}
+PRIVATE = {
+    '_declare_qos_parameters', '_parameter_overrides', 'EventHandle', 'pointer', 'take_message',
+    'rcl_node_get_graph_guard_condition', 'rcl_wait_set_add_guard_condition',
+}  # fmt: skip
 
 
 def names_in(file: Path) -> set[str]:
@@ -33,6 +37,9 @@ def test_rclpy_still_has_what_is_private_in_it():
     assert '_parameter_overrides' in inspect.getsource(Node)
     assert hasattr(rclpy_implementation, 'EventHandle')
     assert hasattr(rclpy_implementation.Subscription, 'take_message')
+    assert hasattr(rclpy_implementation.Node, 'pointer')
+    assert hasattr(rclpy_implementation.WaitSet, 'pointer')
+    assert 'waitable.add_to_wait_set(wait_set)' in inspect.getsource(Executor)
 
 
 def test_what_is_private_in_rclpy_is_used_in_one_file():

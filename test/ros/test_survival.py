@@ -224,7 +224,13 @@ def test_a_queue_that_was_full_is_reported_for_the_run_that_it_was_in(
     # the node does not look meanwhile: of these the last 50 are there when it does
     ros.send(estimate, flight.estimate)
     ros.send(truth, flight.ground_truth)
-    graph.wait_for('streams', 'WARN', '/estimate: the queue was full 1 time', estimate_received=50)
+    graph.wait_for(
+        'streams',
+        'WARN',
+        '350 messages lost on /estimate; /estimate: the queue was full 1 time',
+        estimate_received=50,
+        estimate_sent_before=0,
+    )
     graph.call('reset')
     for part in range(0, 400, 20):
         ros.send(estimate, later(flight.estimate[part : part + 20], 20))

@@ -192,6 +192,7 @@ def streams(snapshot: Snapshot) -> Status:
             f'{topic.name}_type': topic.msgtype,
             f'{topic.name}_publishers': len(topic.publishers),
             f'{topic.name}_received': topic.received,
+            f'{topic.name}_sent_before': topic.sent_before,
             f'{topic.name}_lost': topic.lost,
             f'{topic.name}_queue_full': topic.full,
             f'{topic.name}_undecodable': topic.undecodable,
@@ -220,7 +221,8 @@ def streams(snapshot: Snapshot) -> Status:
         return Status('streams', Level.OK, f'ended: {"; ".join(stale)}', values)
     if stale:
         return Status('streams', Level.STALE, '; '.join(stale), values)
-    return Status('streams', Level.OK, 'running', values)
+    missed = [sent_before(t.sent_before, t.topic) for t in snapshot.topics if t.sent_before]
+    return Status('streams', Level.OK, '; '.join(['running', *missed]), values)
 
 
 def _reached_the_end(snapshot: Snapshot) -> bool:
@@ -246,6 +248,12 @@ def topic_problems(topic: TopicState) -> list[str]:
     if problems or topic.received:
         return problems
     return [f'{"nothing received on" if topic.publishers else "nobody publishes"} {topic.topic}']
+
+
+def sent_before(count: int, topic: str) -> str:
+    """Return that a publisher had begun before its subscriber was there."""
+    were = 'was' if count == 1 else 'were'
+    return f'{counted(count, "message")} of {topic} {were} sent before the evaluator subscribed'
 
 
 def undecodable(count: int, topic: str, msgtype: str) -> str:

@@ -22,6 +22,7 @@ class TopicState:
     :param type_is_given: whether a parameter sets it.
     :param published_types: of all publishers, sorted.
     :param publishers: the full names of the nodes that publish it, one for each publisher.
+    :param sent_before: how many messages were sent before the subscription reached the publisher.
     :param silent_s: how long nothing has arrived.
     :param oldest_ns: the oldest stamp of the newest run; :data:`AFTER_ALL` where there is none.
     :param newest_ns: the newest stamp of that run; :data:`BEFORE_ALL` where there is none.
@@ -38,6 +39,7 @@ class TopicState:
     published_types: tuple[str, ...] = ()
     publishers: tuple[str, ...] = ()
     received: int = 0
+    sent_before: int = 0
     lost: int = 0
     full: int = 0
     undecodable: int = 0

@@ -1,16 +1,20 @@
-"""How a process joins the ROS graph, and what is wrong where it cannot."""
+"""How a process joins the ROS graph and notices others, and what is wrong where it cannot."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import os
 
 import rclpy
+from rclpy.clock import Clock, ClockType
 from rclpy.logging import LoggingSeverity, set_logger_level
+from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.ros.private import GraphEvents
 
+POLL_S = 0.5  # where changes of the graph are no events
 LAST_DOMAIN = 232  # with ports of its own
 
 
@@ -31,3 +35,11 @@ def join(arguments: Sequence[str]) -> None:
         problem = ' '.join(str(error).split()).removeprefix('failed to initialize rcl: ')
         raise ConfigError(f'--ros-args: not understood: {problem.split(", at /")[0]}') from None
     set_logger_level('rcl', LoggingSeverity.UNSET)
+
+
+def watch_graph(node: Node, act: Callable[[], object]) -> None:
+    """Call a function when somebody joins the graph or leaves it."""
+    try:
+        node.add_waitable(GraphEvents(node, act))
+    except (OSError, AttributeError):
+        node.create_timer(POLL_S, act, clock=Clock(clock_type=ClockType.STEADY_TIME))

@@ -47,7 +47,7 @@ from vio_eval_ros.live.run import RunSetup
 from vio_eval_ros.live.snapshot import Snapshot
 from vio_eval_ros.recordings.agreement.orders import alone
 from vio_eval_ros.recordings.sources import read_sources, Source
-from vio_eval_ros.ros.context import join
+from vio_eval_ros.ros.context import join, watch_graph
 from vio_eval_ros.ros.estimator import Estimator
 from vio_eval_ros.ros.outputs import Outputs
 from vio_eval_ros.ros.parameters import changed, declare, refuse_unknown
@@ -57,7 +57,6 @@ from vio_eval_ros.settings import gates_of, limits_of
 NAME = 'vio_evaluator'
 DRAIN_S = 0.05
 TICK_S = 1.0
-DISCOVERY_S = 0.5
 
 
 class Evaluator(Node):
@@ -190,7 +189,7 @@ class Evaluator(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DRAIN_S, self._drain, clock=steady)
         self.create_timer(TICK_S, self._tick, clock=steady)
-        self.create_timer(DISCOVERY_S, self._discover, clock=steady)
+        watch_graph(self, self._discover)
         back = JumpThreshold(
             min_forward=None, min_backward=Duration(seconds=-1), on_clock_change=False
         )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 import importlib
 import time
 from typing import Any
 
+import numpy as np
 from rclpy.callback_groups import CallbackGroup
 from rclpy.event_handler import (
     QoSSubscriptionEventType,
@@ -16,6 +17,7 @@ from rclpy.event_handler import (
 )
 from rclpy.node import Node
 from rclpy.qos import (
+    DurabilityPolicy,
     HistoryPolicy,
     qos_check_compatible,
     QoSCompatibility,
@@ -28,7 +30,8 @@ from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError
-from vio_eval_ros.live.health import counted, mixed, undecodable
+from vio_eval_ros.live.deliveries import Deliveries
+from vio_eval_ros.live.health import counted, mixed, sent_before, undecodable
 from vio_eval_ros.live.queues import PathQueue, Progress, RunQueue, TimeJump
 from vio_eval_ros.live.snapshot import TopicState
 from vio_eval_ros.recordings import cdr
@@ -41,12 +44,15 @@ from vio_eval_ros.recordings.messages import (
     poses,
     STREAMED,
 )
+from vio_eval_ros.recordings.storage import spelled
 from vio_eval_ros.ros.parameters import override_quality
 from vio_eval_ros.ros.private import EventCounter, take_serialized
 
 #: of the queue of the middleware, and of one look at it: more than any sensor sends between two
 DEPTH = 20_000
-MISSING = ('lost', 'full', 'undecodable')
+#: how long a publisher that sends nothing keeps those of another type from being heard
+SILENCE_S = 1.0
+MISSING = ('sent_before', 'lost', 'full', 'undecodable')
 EVENTS = {
     'incompatible': QoSSubscriptionEventType.RCL_SUBSCRIPTION_REQUESTED_INCOMPATIBLE_QOS,
     'lost': QoSSubscriptionEventType.RCL_SUBSCRIPTION_MESSAGE_LOST,
@@ -76,6 +82,9 @@ class PoseTopic:
     """
     One of the two inputs: finds out its type, takes its messages and hands on their poses.
 
+    Its quality of service is what was asked for, but that it is latched where all publishers are:
+    then what they sent before is heard.
+
     :param name: ``estimate`` or ``ground_truth``.
     :param topic: as written in a parameter, or to be remapped.
     :param msgtype: its message type; empty finds it out from the publishers.
@@ -90,7 +99,7 @@ class PoseTopic:
         self.received = 0
         #: when something came last [monotonic s]; at first, when this began
         self.received_s = time.monotonic()
-        self._msgtype = msgtype
+        self._msgtype = spelled(msgtype)
         self._type_is_given = bool(msgtype)
         self._published_types: tuple[str, ...] = ()
         self._publishers: tuple[str, ...] = ()
@@ -98,18 +107,22 @@ class PoseTopic:
         self._received_before = 0
         self._incompatibility = ''
         self._frame = ''
-        self._counts = {'full': 0, 'undecodable': 0, **dict.fromkeys(EVENTS, 0)}
+        self._counts = dict.fromkeys([*MISSING, *EVENTS], 0)
         self._counts_before: dict[str, int] = {}
+        self._deliveries = Deliveries()
+        self._heard_up_to = 0  # the number of the last message that the subscription before had
         self._node = node
-        self._quality = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
+        self._asked = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._raw: list[bytes] = []
         self._class: Any = None
         self._adjustment: Adjustment | None = None
         self._subscription: Subscription | None = None
+        self._subscribed_s = 0.0  # monotonic
         self._events: dict[str, EventCounter] = {}
-        override_quality(node, self.topic, self._quality)
-        if msgtype:
-            self._subscribe(msgtype)
+        override_quality(node, self.topic, self._asked)
+        self._quality = self._asked
+        if self._msgtype:
+            self._subscribe(self._msgtype)
 
     @property
     def frame(self) -> str:
@@ -160,17 +173,16 @@ class PoseTopic:
         self._events.clear()
 
     def discover(self) -> None:
-        """Look at the publishers and at what was lost; subscribe when the type is known."""
-        self._count_events()
+        """Look at the publishers; subscribe when the type is known, and as they offer."""
         found = self._node.get_publishers_info_by_topic(self._given)
         self._publishers = tuple(sorted(_full_name(info) for info in found))
-        if self.received > self._received_before:
-            self._mixed = mixed(self.topic, self._publishers) or self._mixed
-        self._received_before = self.received
         self._published_types = tuple(sorted({info.topic_type for info in found}))
-        scorable = [msgtype for msgtype in self._published_types if msgtype in STREAMED]
-        if self._subscription is None and len(scorable) == 1:
-            self._subscribe(scorable[0])
+        quality = _as_offered(self._asked, [info.qos_profile for info in found])
+        if quality.durability != self._quality.durability:
+            self._quality = quality
+            if self._subscription is not None:
+                self._subscribe(self._msgtype)
+        self._choose_type()
         self._incompatibility = ''
         for info in found:
             verdict, reason = qos_check_compatible(info.qos_profile, self._quality)
@@ -181,6 +193,11 @@ class PoseTopic:
     def read(self) -> None:
         """Take all messages that have arrived, and hand their poses to the queue."""
         self.drain()
+        self._count_events()
+        self._choose_type()
+        if self.received > self._received_before:
+            self._mixed = mixed(self.topic, self._publishers) or self._mixed
+        self._received_before = self.received
         for arrived in self._decode():
             self.queue.add(arrived, self.received_s)
 
@@ -188,22 +205,42 @@ class PoseTopic:
         """Take all messages that have arrived; decoding them can wait."""
         if self._subscription is None:
             return
-        arrived = take_serialized(self._subscription, self._class, DEPTH)
-        if arrived:
-            self._raw += arrived
-            self.received += len(arrived)
-            self.received_s = time.monotonic()
+        arrived, numbers = take_serialized(self._subscription, self._class, DEPTH)
+        if not arrived:
+            return
         # what it had no room for was overwritten, which is no event
         is_bounded = self._quality.history == HistoryPolicy.KEEP_LAST
-        self._counts['full'] += is_bounded and len(arrived) >= self._quality.depth
+        is_full = is_bounded and len(arrived) >= self._quality.depth
+        self._counts['full'] += is_full
+        if numbers[0] is not None:
+            again = self._heard_again(numbers)
+            arrived, numbers = arrived[again:], numbers[again:]
+            if numbers:
+                are_mixed = len(self._publishers) > 1
+                self._deliveries.note(np.array(numbers, np.int64), are_mixed, is_full)
+        self._raw += arrived
+        self.received += len(arrived)
+        self.received_s = time.monotonic()
+
+    def _heard_again(self, numbers: Sequence[int | None]) -> int:
+        """Return how many of the first messages the subscription before this one had as well."""
+        again = 0
+        for number in numbers if self._heard_up_to else ():
+            if number is None or number > self._heard_up_to:
+                self._heard_up_to = 0
+                break
+            again += 1
+        return again
 
     def notes(self) -> list[str]:
         """Return what is missing of the run: no other figure shows what did not arrive."""
         self._count_events()
-        lost, full, bad = (
+        before, lost, full, bad = (
             self._counts[name] - self._counts_before.get(name, 0) for name in MISSING
         )
         found = []
+        if before:
+            found.append(sent_before(before, self.topic))
         if lost:
             found.append(f'{counted(lost, "message")} lost on {self.topic}; make it reliable')
         if full:
@@ -259,25 +296,47 @@ class PoseTopic:
                 continue
             yield message
 
+    def _choose_type(self) -> None:
+        """
+        Subscribe to the type that is published, where it is not given.
+
+        A publisher that has sent nothing does not stand in the way of one of another type.
+        """
+        if self._type_is_given or self.received:
+            return
+        scorable = [msgtype for msgtype in self._published_types if msgtype in STREAMED]
+        others = [msgtype for msgtype in scorable if msgtype != self._msgtype]
+        is_silent = self._msgtype not in scorable or self._subscribed_for_s > SILENCE_S
+        if len(others) == 1 and (self._subscription is None or is_silent):
+            self._subscribe(others[0])
+
+    @property
+    def _subscribed_for_s(self) -> float:
+        return time.monotonic() - self._subscribed_s
+
     def _subscribe(self, msgtype: str) -> None:
+        """Subscribe to a type, in place of what was subscribed to before."""
         if msgtype not in STREAMED:
             raise ConfigError(
                 f'{self.name}_type: {msgtype} carries no pose that can be scored live; types that '
                 f'do are {", ".join(STREAMED)}'
             )
-        self._msgtype = msgtype
-        self.queue = PathQueue(self.topic) if msgtype == PATH else RunQueue()
-        self._adjustment = adjustment_of(msgtype)
         package, _, name = msgtype.split('/')
         try:
-            self._class = getattr(importlib.import_module(f'{package}.msg'), name)
+            kind = getattr(importlib.import_module(f'{package}.msg'), name)
         except ImportError:
             raise ConfigError(
                 f'{self.topic}: {msgtype} needs the ROS package {package}; install it, or source '
                 'the workspace that has it'
             ) from None
+        self._unsubscribe()
+        if kind is not self._class:
+            self._msgtype = msgtype
+            self._class = kind
+            self.queue = PathQueue(self.topic) if msgtype == PATH else RunQueue()
+            self._adjustment = adjustment_of(msgtype)
         self._subscription = self._node.create_subscription(
-            self._class,
+            kind,
             self._given,
             lambda message: None,
             self._quality,
@@ -285,13 +344,41 @@ class PoseTopic:
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
             raw=True,
         )
-        for name, event in EVENTS.items():
+        self._subscribed_s = time.monotonic()
+        for event_name, event in EVENTS.items():
             with suppress(UnsupportedEventTypeError):  # not all middlewares count
-                self._events[name] = EventCounter(self._subscription, event)
+                self._events[event_name] = EventCounter(self._subscription, event)
+
+    def _unsubscribe(self) -> None:
+        if self._subscription is None:
+            return
+        self.drain()
+        self._count_events()
+        self._heard_up_to = max(self._deliveries.last or 0, 0)
+        self._events.clear()
+        self._node.destroy_subscription(self._subscription)
+        self._subscription = None
 
     def _count_events(self) -> None:
         for name, event in self._events.items():
-            self._counts[name] = event.count()
+            self._counts[name] += event.count()
+        self._counts['sent_before'] = self._deliveries.sent_before
+        if self._deliveries.last is not None:  # by their numbers, which also tells what was full
+            self._counts['lost'] = self._deliveries.lost
+
+
+def _as_offered(asked: QoSProfile, offers: Sequence[QoSProfile]) -> QoSProfile:
+    """Return a quality that is latched where all offers are; such messages are sent reliably."""
+    latched = DurabilityPolicy.TRANSIENT_LOCAL
+    if not offers or any(offer.durability != latched for offer in offers):
+        return asked
+    is_reliable = all(offer.reliability == ReliabilityPolicy.RELIABLE for offer in offers)
+    return QoSProfile(
+        history=asked.history,
+        depth=asked.depth,
+        reliability=ReliabilityPolicy.RELIABLE if is_reliable else asked.reliability,
+        durability=latched,
+    )
 
 
 def _full_name(info: TopicEndpointInfo) -> str:
