@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from itertools import combinations
 import json
 import math
@@ -26,9 +26,17 @@ import numpy as np
 from scipy.signal import lfilter
 
 from vio_eval_ros.comparison.family import adjusted
+from vio_eval_ros.comparison.matrix import Cell, CellRun, Matrix
 from vio_eval_ros.comparison.paired import compare_errors
 from vio_eval_ros.comparison.repeated import compare, FAMILY_P, MetricComparison, Rule
 from vio_eval_ros.comparison.signed_ranks import compare_over_sequences
+from vio_eval_ros.comparison.verdicts import SHARE_OVER_SEQUENCES, suite_verdict
+from vio_eval_ros.core.config import EvaluationConfig
+from vio_eval_ros.core.rotation import from_rotation_vector, multiply
+from vio_eval_ros.core.trajectory import Trajectory
+from vio_eval_ros.evaluation.recorded import score_run
+from vio_eval_ros.evaluation.result import Result
+from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.rendering.tum import tum
 from vio_eval_ros.simulation import Drift, simulate
 
@@ -49,6 +57,7 @@ SEQUENCES, SECONDS = 500, 5.0
 SUITE_SEQUENCES, SUITES, CHANGED_SUITES, SUITES_OF_SYSTEMS = 11, 600, 120, 600
 SUITE_METRICS = ('ate_trans_rmse_m', 'ate_rot_rmse_deg', 'rpe_1s_trans_rmse_m')
 MOST_FALSE_SUITES = 0.02
+SUITE_RUN_S, SUITE_MEMORY_S = 60, 0.5
 SIMULATED_RUNS, RATE_HZ, RUN_S = 400, 20, 180
 LEAST_HELD, MOST_HELD = 0.93, 0.97
 SCORE = [sys.executable, '-m', 'vio_eval_ros', 'score']
@@ -386,7 +395,7 @@ def systems() -> Iterator[str]:
                 values[0] *= factor
                 tested = pairs if factor == 1 else [(0, 1)]
                 told += any(
-                    len(pairs) * found.p_adjusted <= FAMILY_P
+                    len(pairs) * found.p_adjusted <= FAMILY_P * SHARE_OVER_SEQUENCES
                     for i, j in tested
                     for found in compare_over_sequences(values[i], values[j])
                 )
@@ -398,6 +407,89 @@ def systems() -> Iterator[str]:
         'a system on a sequence vary by 15 %; of several systems, one is better than another in '
         'any metric.'
     )
+
+
+def whole_suites() -> Iterator[str]:
+    """Yield the lines on the one verdict over all metrics and sequences, and note its misses."""
+    yield (
+        '| systems | runs | alike: tells | one of them 10 % better everywhere: tells | '
+        '20 % better: tells | 50 % better on one sequence: tells |'
+    )
+    yield '|---|---:|---:|---:|---:|---:|'
+    everywhere = np.ones(SUITE_SEQUENCES)
+    on_one = np.where(np.arange(SUITE_SEQUENCES) == 5, 0.5, 1.0)
+    changes = (everywhere, 0.9 * everywhere, 0.8 * everywhere, on_one)
+    alike = ((2, 1, SUITES), (4, 1, SUITES // 2), (2, RUNS, SUITES // 4))
+    for count, runs, suites_alike in alike:
+        cells = []
+        for k, factors in enumerate(changes):
+            random = np.random.default_rng([5, count, runs])
+            drawn = SUITES // 10 if k else suites_alike
+            told = [suite_of_systems(random, count, runs, factors) for _ in range(drawn)]
+            share = float(np.mean(told))
+            cells.append(percent(share, 1))
+            limit = MOST_FALSE_SUITES + sampling(MOST_FALSE_SUITES, drawn)
+            if not k and share > limit:
+                MISSED.append(f'one verdict on {count} systems with {runs} runs')
+        yield f'| {count} | {runs} | {" | ".join(cells)} |'
+    yield ''
+    yield (
+        f'{SUITE_SEQUENCES} sequences with {len(SUITE_METRICS)} metrics, scored as `score` does: '
+        f'errors of {SUITE_RUN_S} s at {RATE_HZ} Hz that remember {SUITE_MEMORY_S:g} s. '
+        f'{", ".join(str(suites_alike) for *_, suites_alike in alike)} suites of systems that are '
+        f'alike, {SUITES // 10} of each change. Target: at most {percent(MOST_FALSE_SUITES)} of '
+        'those that are alike.'
+    )
+
+
+def suite_of_systems(
+    random: np.random.Generator, systems: int, runs: int, factors: np.ndarray
+) -> bool:
+    """
+    Return whether any system is told from another in a suite.
+
+    :param factors: of the errors of the first system, by sequence.
+    """
+    names, sequences = 'ABCD'[:systems], [f'S{k}' for k in range(SUITE_SEQUENCES)]
+    cells = {
+        (sequence, name): Cell(
+            tuple(
+                CellRun('', scored(random, hard * (factor if name == 'A' else 1.0)))
+                for _ in range(runs)
+            )
+        )
+        for sequence, factor, hard in zip(
+            sequences, factors, random.lognormal(0, 0.5, SUITE_SEQUENCES), strict=True
+        )
+        for name in names
+    }
+    verdict = suite_verdict(Matrix(tuple(sequences), tuple(names), SUITE_METRICS, cells))
+    return verdict is not None and verdict.tells
+
+
+def scored(random: np.random.Generator, size: float) -> Result:
+    """Return the result of a run whose errors have a size."""
+    truth = flown()
+    count = len(truth.stamps_ns)
+    offsets, turns = (
+        remembering(random, count, SUITE_MEMORY_S * RATE_HZ) * size * scale
+        for scale in (0.05, math.radians(0.5))
+    )
+    estimate = Trajectory(
+        truth.stamps_ns,
+        truth.positions + offsets,
+        multiply(truth.rotations, from_rotation_vector(turns)),
+    )
+    config = EvaluationConfig(alignment='none', rpe_deltas=('1s',))
+    sides = (Source(name, 'tum', (), poses) for name, poses in (('', estimate), ('', truth)))
+    return score_run(*sides, config, hashed=False)
+
+
+@cache
+def flown() -> Trajectory:
+    """Return what all runs of a suite follow."""
+    dense = simulate(SUITE_RUN_S, seed=1).ground_truth
+    return dense[:: round(dense.stamps_ns.size / (SUITE_RUN_S * RATE_HZ))]
 
 
 def comparisons() -> Iterator[str]:
@@ -413,6 +505,7 @@ SECTIONS: dict[str, tuple[Path, Callable[[], Iterator[str]]]] = {
     'suites': (SCORING, suites),
     'intervals': (DEFINITIONS, intervals),
     'systems': (DEFINITIONS, systems),
+    'whole suites': (SCORING, whole_suites),
 }
 
 

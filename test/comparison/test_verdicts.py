@@ -11,10 +11,18 @@ from vio_eval_ros.comparison.matrix import Cell, CellRun, Matrix
 from vio_eval_ros.comparison.sentences import (
     html_verdicts,
     markdown_verdicts,
+    suite_sentence,
     text_verdicts,
     verdict_lines,
 )
-from vio_eval_ros.comparison.verdicts import differences, holm
+from vio_eval_ros.comparison.verdicts import (
+    Difference,
+    differences,
+    holm,
+    SHARE_OVER_SEQUENCES,
+    suite_verdict,
+    SuiteVerdict,
+)
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.evaluation.recorded import score_run
@@ -61,7 +69,9 @@ def test_over_a_suite_the_better_of_two_is_told(result):
         ('A', 'B', ATE, True), ('A', 'B', RPE, True)]  # fmt: skip
     low, high = over[0].ratio_interval
     assert low < 1 / 1.3 < high < 1
-    line = next(verdict_lines(matrix))
+    verdict, line, *_ = verdict_lines(matrix)
+    assert verdict.startswith('one verdict over 2 metrics and 11 sequences: tells (p = 0.00')
+    assert verdict.endswith('): A better than B')
     assert line.startswith('over 11 sequences, A against B: ate_trans_rmse_m lower by ')
     assert ', tells (p = 0.00' in line
 
@@ -93,6 +103,51 @@ def test_a_system_that_fails_is_worse_and_a_hole_is_nothing(result):
     assert first.count == 10
 
 
+def test_one_verdict_tells_exactly_where_any_difference_does(result):
+    random = np.random.default_rng(7)
+    for factor in (1.0, 1.1, 1.3, 2.0):
+        matrix = suite(result, random, {'A': 1.0, 'B': factor}, runs=2)
+        verdict, found = suite_verdict(matrix), differences(matrix)
+        assert verdict.tells == any(one.tells for one in found)
+        assert verdict.p_value == min(one.p_adjusted for one in found if one.p_adjusted > 0)
+        assert bool(verdict.better) == verdict.tells
+    assert suite_verdict(suite(result, random, {'A': 1.0, 'B': 2.0}, sequences=1)) is None
+    assert suite_verdict(suite(result, random, {'A': 1.0})) is None
+
+
+def test_two_systems_that_are_better_in_turn_are_both_named(result):
+    one = Difference(None, 'A', 'B', ATE, 'signed ranks', p_adjusted=0.001)
+    turned = replace(one, one='B', other='A', metric=RPE)
+    alike = replace(one, metric=RPE, p_adjusted=0.5)
+    told = suite_sentence(SuiteVerdict((one, turned, one, alike), 11, 2, 0.001))
+    assert told.endswith('tells (p = 0.001): A better than B (2 of 3 differences); '
+                         'B better than A (1 of 3 differences)')  # fmt: skip
+
+
+def test_without_enough_data_the_one_verdict_has_no_p_value(result):
+    few = suite(result, np.random.default_rng(8), {'A': 1.0, 'B': 3.0}, sequences=3, runs=2)
+    verdict = suite_verdict(few)
+    assert math.isnan(verdict.p_value)
+    assert not verdict.tells
+    assert suite_sentence(verdict).endswith('does not tell: no difference has enough data')
+
+
+def test_of_few_sequences_all_that_chance_may_tell_is_left_to_single_ones(result):
+    random = np.random.default_rng(9)
+    few, many = (
+        next(
+            one.p_adjusted / one.p_value
+            for one in differences(
+                suite(result, random, {'A': 1.0, 'B': 9.0}, sequences=count, runs=9)
+            )
+            if one.sequence
+        )
+        for count in (6, 7)
+    )
+    assert few == pytest.approx(6 * 2)
+    assert many == pytest.approx(7 * 2 / (1 - SHARE_OVER_SEQUENCES))
+
+
 def test_repeated_runs_are_permuted(result):
     random = np.random.default_rng(4)
     matrix = suite(result, random, {'A': 1.0, 'B': 1.5}, sequences=1, runs=6)
@@ -119,7 +174,7 @@ def test_p_values_are_adjusted_as_by_holm():
 
 def test_every_report_has_the_verdicts_and_json_has_all(result):
     matrix = suite(result, np.random.default_rng(5), {'A': 1.0, 'B': 1.3})
-    (line, *_) = verdict_lines(matrix)
+    (_, line, *_) = verdict_lines(matrix)
     for report in (text_verdicts, html_verdicts, markdown_verdicts):
         assert 'Is the difference real' in report(matrix)
         assert line.split(' [')[0].replace('_', '') in report(matrix).replace('\\', '').replace(

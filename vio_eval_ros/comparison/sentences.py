@@ -8,7 +8,7 @@ import math
 from vio_eval_ros.comparison.direction import unit_of
 from vio_eval_ros.comparison.doubts import doubt_lines
 from vio_eval_ros.comparison.matrix import Matrix
-from vio_eval_ros.comparison.verdicts import Difference, differences
+from vio_eval_ros.comparison.verdicts import Difference, differences, suite_verdict, SuiteVerdict
 from vio_eval_ros.rendering.page import Html, joined, tag
 from vio_eval_ros.rendering.text import escaped, printable
 
@@ -51,6 +51,8 @@ def verdict_lines(matrix: Matrix) -> Iterator[str]:
     """Yield what is known of the differences, in sentences; those that do not tell together."""
     found = differences(matrix)
     several = len(matrix.sequences) > 1
+    if verdict := suite_verdict(matrix):
+        yield suite_sentence(verdict)
     chosen = [one for one in found if not several or one.sequence is None]
     if several and chosen and all(one.why for one in chosen):
         most = max(chosen, key=lambda one: one.count)
@@ -63,6 +65,28 @@ def verdict_lines(matrix: Matrix) -> Iterator[str]:
             yield from _on_single([one for one in found if one.sequence and one.metric == metric])
 
 
+def suite_sentence(verdict: SuiteVerdict) -> str:
+    """Return the one verdict on all metrics and sequences."""
+    over = f'{_counted(verdict.metrics, "metric")} and {_counted(verdict.sequences, "sequence")}'
+    told = f'one verdict over {over}: {"tells" if verdict.tells else "does not tell"}'
+    if math.isnan(verdict.p_value):
+        return f'{told}: no difference has enough data'
+    told = f'{told} ({probability(verdict.p_value)})'
+    if not verdict.tells:
+        return told
+    better: dict[str, list[str]] = {}
+    for (one, other), count in verdict.better.items():
+        opposite = verdict.better.get((other, one), 0)
+        times = f' ({count} of {_counted(count + opposite, "difference")})' if opposite else ''
+        better.setdefault(one, []).append(f'{other}{times}')
+    pairs = [f'{one} better than {", ".join(others)}' for one, others in better.items()]
+    return f'{told}: {"; ".join(pairs)}'
+
+
+def _counted(count: int, noun: str) -> str:
+    return f'{count} {noun}{"" if count == 1 else "s"}'
+
+
 def _of_metric(found: Sequence[Difference]) -> Iterator[str]:
     """Yield a sentence for each difference of a metric, one for all those that do not tell."""
     alone = len(found) == 1
@@ -70,7 +94,8 @@ def _of_metric(found: Sequence[Difference]) -> Iterator[str]:
     yield from (sentence(one) for one in found if one not in rest)
     if rest:
         names = ', '.join(
-            one.other if one.why else f'{one.other} ({probability(one)})' for one in rest
+            one.other if one.why else f'{one.other} ({probability(one.p_adjusted)})'
+            for one in rest
         )
         why = min(rest, key=lambda one: one.count if one.why else math.inf).why
         where = '' if rest[0].sequence is not None else ' over all sequences'
@@ -102,12 +127,12 @@ def sentence(one: Difference) -> str:
     told = f'{where}{one.one} against {one.other}: {one.metric} {_amount(one)}, {one.verdict}'
     if one.why:
         return f'{told}: {one.why}'
-    return f'{told} ({probability(one)})'
+    return f'{told} ({probability(one.p_adjusted)})'
 
 
-def probability(one: Difference) -> str:
-    """Return the adjusted p-value; below a ten-thousandth, its digits mean nothing."""
-    return f'p = {one.p_adjusted:.2g}' if one.p_adjusted >= 1e-4 else 'p < 0.0001'
+def probability(p_value: float) -> str:
+    """Return an adjusted p-value; below a ten-thousandth, its digits mean nothing."""
+    return f'p = {p_value:.2g}' if p_value >= 1e-4 else 'p < 0.0001'
 
 
 def _amount(one: Difference) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 import math
@@ -15,6 +16,10 @@ from vio_eval_ros.comparison.matrix import Cell, Matrix
 from vio_eval_ros.comparison.paired import compare_runs, LEAST_PIECES
 from vio_eval_ros.comparison.repeated import differ, FAMILY_P
 from vio_eval_ros.comparison.signed_ranks import compare_over_sequences
+
+#: of what chance may tell in a suite, by far the most is for all sequences together: two systems
+#: on seven sequences can just be told apart so
+SHARE_OVER_SEQUENCES = 0.8
 
 
 @dataclass(frozen=True)
@@ -84,21 +89,80 @@ def differences(matrix: Matrix) -> tuple[Difference, ...]:
 
     The data chose the best. So p-values are adjusted as if all pairs of systems had been compared;
     over sequences by the number of pairs, on single ones (Holm 1979) by that of pairs, metrics and
-    sequences.
+    sequences. Where both could tell, each has its share of what chance may tell.
     """
     if len(matrix.systems) < 2:
         return ()
     if matrix not in _FOUND:
         pairs = len(matrix.systems) * (len(matrix.systems) - 1) // 2
-        over_all = _over_sequences(matrix, pairs) if len(matrix.sequences) > 1 else ()
+        over_all = list(_over_sequences(matrix, pairs)) if len(matrix.sequences) > 1 else []
         each = list(_on_sequences(matrix))
         family = pairs * len(matrix.metrics) * len(matrix.sequences)
         adjusted = holm([one.p_value for one in each], family)
-        _FOUND[matrix] = (
-            *over_all,
-            *(replace(one, p_adjusted=p) for one, p in zip(each, adjusted, strict=True)),
-        )
+        each = [replace(one, p_adjusted=p) for one, p in zip(each, adjusted, strict=True)]
+        if len(matrix.sequences) >= _least_sequences(pairs):
+            over_all = [_of_share(one, SHARE_OVER_SEQUENCES) for one in over_all]
+            each = [_of_share(one, 1 - SHARE_OVER_SEQUENCES) for one in each]
+        _FOUND[matrix] = (*over_all, *each)
     return _FOUND[matrix]
+
+
+def _of_share(one: Difference, share: float) -> Difference:
+    """Return a difference whose p-value holds beside those of other looks at the same suite."""
+    return replace(one, p_adjusted=float(np.minimum(one.p_adjusted / share, 1.0)))
+
+
+def _least_sequences(pairs: int) -> int:
+    """Return on how many sequences the rarest of all signs is rare enough for so many pairs."""
+    return 1 + math.ceil(math.log2(pairs / (FAMILY_P * SHARE_OVER_SEQUENCES)))
+
+
+@dataclass(frozen=True)
+class SuiteVerdict:
+    """
+    One verdict on all differences of a suite: of all metrics, sequences and pairs of systems.
+
+    :param differences: all of them.
+    :param p_value: how often chance alone makes any of them as clear as the clearest is; NaN where
+        the data can tell nothing.
+    """
+
+    differences: tuple[Difference, ...]
+    sequences: int
+    metrics: int
+    p_value: float
+
+    @property
+    def tells(self) -> bool:
+        """Whether any system is told from another; by chance in at most FAMILY_P of suites."""
+        return self.p_value <= FAMILY_P
+
+    @property
+    def better(self) -> dict[tuple[str, str], int]:
+        """In how many differences that tell a system is better than another, the most first."""
+        count = Counter((one.one, one.other) for one in self.differences if one.tells)
+        return dict(count.most_common())
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the verdict as results have it."""
+        return {
+            'verdict': 'tells' if self.tells else 'does not tell',
+            'p_value': self.p_value,
+            'better': [
+                {'one': one, 'other': other, 'differences': count}
+                for (one, other), count in self.better.items()
+            ],
+        }
+
+
+def suite_verdict(matrix: Matrix) -> SuiteVerdict | None:
+    """Return the one verdict on several systems over several sequences; None of fewer."""
+    if len(matrix.systems) < 2 or len(matrix.sequences) < 2:
+        return None
+    found = differences(matrix)
+    known = [one.p_adjusted for one in found if not math.isnan(one.p_adjusted)]
+    p_value = min(known, default=math.nan)
+    return SuiteVerdict(found, len(matrix.sequences), len(matrix.metrics), p_value)
 
 
 #: each report of a matrix asks again
@@ -130,7 +194,7 @@ def _over_sequences(matrix: Matrix, pairs: int) -> Iterator[Difference]:
         ]
         for name in matrix.systems
     }
-    least = 1 + math.ceil(math.log2(pairs / FAMILY_P))
+    least = _least_sequences(pairs)
     for k, metric in enumerate(metrics):
         ranks = {name: matrix.mean_rank(metric, name) for name in matrix.systems}
         known = [name for name in matrix.systems if not math.isnan(ranks[name])]

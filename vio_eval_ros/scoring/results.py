@@ -12,7 +12,7 @@ from vio_eval_ros.comparison.doubts import doubts
 from vio_eval_ros.comparison.family import adjusted
 from vio_eval_ros.comparison.matrix import Cell, CellRun, default_metrics, Matrix
 from vio_eval_ros.comparison.repeated import compare, Distribution, MetricComparison, Rule
-from vio_eval_ros.comparison.verdicts import differences
+from vio_eval_ros.comparison.verdicts import differences, suite_verdict, SuiteVerdict
 from vio_eval_ros.core.gates import judge, Verdict
 from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.evaluation.result import Result
@@ -219,6 +219,11 @@ class SuiteResult:
         """Whether systems are compared."""
         return any(one.sequence.system for one in self.sequences)
 
+    @property
+    def difference_verdict(self) -> SuiteVerdict | None:
+        """Whether any system is told from another; None without several, or of one sequence."""
+        return suite_verdict(self.matrix()) if self.has_systems else None
+
     def matrix(self) -> Matrix:
         """Return the sequences x systems; the only system of a suite without any has no name."""
         return self._matrix
@@ -274,6 +279,9 @@ class SuiteResult:
             'differences': [one.to_dict() for one in differences(self.matrix())]
             if self.has_systems
             else None,
+            'difference_verdict': None
+            if (verdict := self.difference_verdict) is None
+            else verdict.to_dict(),
             'doubts': {name: one.to_dict() for name, one in doubts(self.matrix()).items()}
             if self.has_systems
             else None,
