@@ -3,6 +3,7 @@
 import csv
 from html.parser import HTMLParser
 import io
+import re
 import shutil
 import subprocess
 from types import SimpleNamespace
@@ -66,6 +67,19 @@ def test_text_lines_up_at_the_point_and_marks_best_and_second(papers):
     assert '†' in rows[1]
     assert 'missing' in rows[1]
     assert 'failed' in rows[2]
+
+
+def test_a_terminal_shows_the_best_bold_and_the_second_underlined(papers):
+    styled, plain = text_tables(papers, styled=True), text_tables(papers)
+    assert '\x1b[1m0.16\x1b[0m ' in styled
+    assert '\x1b[4m0.300\x1b[0m' in styled
+    assert '\x1b[1mbest\x1b[0m, \x1b[4msecond\x1b[0m' in styled
+    shown = re.sub(r'\x1b\[\d*m', '', styled)
+    assert ' *' not in shown
+    assert ' +' not in shown
+    assert shown.split() == [word.lstrip('*+') for word in plain.split() if word not in '*+']
+    rows = shown.splitlines()[3:6]
+    assert [row.index('.') for row in rows] == [rows[0].index('.')] * 3
 
 
 def test_mean_and_rank_are_below_a_rule_and_say_over_what_they_are(papers):

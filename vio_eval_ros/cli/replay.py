@@ -28,7 +28,7 @@ from vio_eval_ros.figures.reports import FORMATS, overview_picture
 from vio_eval_ros.figures.style import check_installed
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.recordings.spec import Spec
-from vio_eval_ros.rendering.terminal import check_plotext
+from vio_eval_ros.rendering.terminal import check_plotext, wants_colour
 from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.compared import COMPARISON_REPORTS, comparison_text
 from vio_eval_ros.reports.documents import json_report
@@ -215,8 +215,12 @@ def _compare(
         written('replay', target, partial(COMPARISON_RENDERERS[target.format], found))
         for target in targets
     ]
-    summary = COMPARISON_REPORTS['json'] if arguments.json else comparison_text
-    show(partial(summary, found), targets)
+    summary = (
+        partial(COMPARISON_REPORTS['json'], found)
+        if arguments.json
+        else partial(comparison_text, found, wants_colour())
+    )
+    show(summary, targets)
     _draw(arguments, found.results)
     if not all(done):
         return UNABLE

@@ -24,6 +24,7 @@ from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.figures.reports import FORMATS, suite_picture
 from vio_eval_ros.figures.style import check_installed
+from vio_eval_ros.rendering.terminal import wants_colour
 from vio_eval_ros.rendering.text import printable
 from vio_eval_ros.scoring.baseline import Baseline, CONDITIONS, definition_sha256
 from vio_eval_ros.scoring.documents import SUITE_REPORTS, suite_text
@@ -155,8 +156,12 @@ def _score(arguments: argparse.Namespace) -> int:
     if baseline is not None:
         result = compare_suite(result, baseline, arguments.accept)
     done = [written('score', target, partial(render, result)) for target, render in outputs]
-    summary = SUITE_REPORTS['json'] if arguments.json else suite_text
-    show(partial(summary, result), [target for target, _ in outputs])
+    summary = (
+        partial(SUITE_REPORTS['json'], result)
+        if arguments.json
+        else partial(suite_text, result, wants_colour())
+    )
+    show(summary, [target for target, _ in outputs])
     if not all(done):
         return UNABLE
     return PASSED if result.passed else FAILED

@@ -11,6 +11,7 @@ from typing import NamedTuple
 from vio_eval_ros.comparison.direction import UNITS
 from vio_eval_ros.comparison.matrix import Matrix
 from vio_eval_ros.rendering.page import Html, html, joined, system_swatch, table, tag
+from vio_eval_ros.rendering.terminal import BEST, SECOND
 from vio_eval_ros.rendering.text import escaped, printable
 
 #: parts of the names of metrics that the unit, or the custom of the field, tells already
@@ -214,36 +215,53 @@ def _of_means(matrix: Matrix) -> Iterator[str]:
             yield f'no mean of {names}: on every sequence some system has failed or no run'
 
 
-def text_tables(matrix: Matrix) -> str:
-    """Return the tables and footnotes for a terminal."""
+def text_tables(matrix: Matrix, styled: bool = False) -> str:
+    """
+    Return the tables and footnotes for a terminal.
+
+    :param styled: whether ANSI codes make the best bold and underline the second.
+    """
     lines: list[str] = []
     for one in tables_of(matrix):
-        marks = any(value.mark for row in (*one.rows, *one.summary) for value in row.values)
-        heads = [one.heads[0], *(head + ' ' * (2 + marks) for head in one.heads[1:])]
-        rows = [
-            [row.name, *(_in_text(value, marks) for value in row.values)]
-            for row in (*one.rows, *one.summary)
-        ]
-        widths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
-        body = [_justified(cells, widths) for cells in (heads, *rows)]
-        rule = '  '.join('-' * width for width in widths)
-        body.insert(1, rule)
-        if one.summary:
-            body.insert(-len(one.summary), rule)
-        lines += [*([one.title] if one.title else []), *body, '']
-    legend = ['* best, + second'] if len(matrix.systems) > 1 else []
-    return ''.join(f'{printable(line)}\n' for line in (*lines, *legend, *footnotes(matrix)))
+        lines += [*([printable(one.title)] if one.title else []), *_text_table(one, styled), '']
+    if len(matrix.systems) > 1:
+        legend = BEST.format('best'), SECOND.format('second')
+        lines.append(', '.join(legend) if styled else '* best, + second')
+    return ''.join(f'{line}\n' for line in (*lines, *map(printable, footnotes(matrix))))
 
 
-def _in_text(value: Shown, marks: bool) -> str:
+def _text_table(one: Table, styled: bool) -> list[str]:
+    """Return the lines of a table."""
+    rows = [*one.rows, *one.summary]
+    marks = any(value.mark for row in rows for value in row.values)
+    room = ' ' * ((0 if styled else 2) + marks)
+    heads = [one.heads[0], *(head + room for head in one.heads[1:])]
+    cells = [[row.name, *(_in_text(value, marks, styled) for value in row.values)] for row in rows]
+    cells = [[printable(cell) for cell in line] for line in (heads, *cells)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    styles = [[], *(row.values if styled else [] for row in rows)]
+    lines = [_justified(*line, widths) for line in zip(cells, styles, strict=True)]
+    rule = '  '.join('-' * width for width in widths)
+    lines.insert(1, rule)
+    if one.summary:
+        lines.insert(-len(one.summary), rule)
+    return lines
+
+
+def _in_text(value: Shown, marks: bool, styled: bool) -> str:
     """Return a value with what marks it; points of a column are below each other."""
     mark = value.mark or ' ' if marks else ''
-    return f'{value.text}{" " * len(value.missing)}{("  ", " *", " +")[value.place]}{mark}'
+    place = '' if styled else ('  ', ' *', ' +')[value.place]
+    return f'{value.text}{" " * len(value.missing)}{place}{mark}'
 
 
-def _justified(cells: Sequence[str], widths: Sequence[int]) -> str:
+def _justified(cells: Sequence[str], styles: Sequence[Shown], widths: Sequence[int]) -> str:
+    """Return cells as a line; the codes that style some values take no room."""
     name, *others = cells
-    numbers = (cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True))
+    numbers = [cell.rjust(width) for cell, width in zip(others, widths[1:], strict=True)]
+    for k, value in enumerate(styles):
+        code = ('{}', BEST, SECOND)[value.place]
+        numbers[k] = numbers[k].replace(value.text, code.format(value.text), 1)
     return '  '.join([name.ljust(widths[0]), *numbers]).rstrip()
 
 

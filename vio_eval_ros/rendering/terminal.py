@@ -17,6 +17,8 @@ from vio_eval_ros.errors import ConfigError
 COLOURS = {'fail': '1;31', 'warn': '33', 'warning': '33', 'pass': '32'}
 #: a verdict begins a line or ends one, as in tables
 VERDICT = re.compile(r'^(?:fail|warn|warning|pass)\b|\b(?:fail|warn|pass)$', re.MULTILINE | re.I)
+#: ANSI codes around what is best and second in a table
+BEST, SECOND = '\x1b[1m{}\x1b[0m', '\x1b[4m{}\x1b[0m'
 BARS = '▁▂▃▄▅▆▇█'
 #: characters; rows are at most
 WIDTH, ROWS = 72, 20
@@ -24,16 +26,26 @@ WIDTH, ROWS = 72, 20
 DOTS = (2, 4)
 
 
-def painted(text: str, stream: TextIO | None = None) -> str:
+def wants_colour(stream: TextIO | None = None) -> bool:
     """
-    Return text with its verdicts in colour where a stream is a terminal that wants colours.
+    Return whether a stream is a terminal that takes ANSI codes.
 
     ``NO_COLOR`` is respected, see https://no-color.org.
 
     :param stream: by default stdout.
     """
     stream = sys.stdout if stream is None else stream
-    if os.environ.get('NO_COLOR') or os.environ.get('TERM') == 'dumb' or not stream.isatty():
+    unwanted = os.environ.get('NO_COLOR') or os.environ.get('TERM') == 'dumb'
+    return not unwanted and stream.isatty()
+
+
+def painted(text: str, stream: TextIO | None = None) -> str:
+    """
+    Return text with its verdicts in colour where a stream wants them.
+
+    :param stream: by default stdout.
+    """
+    if not wants_colour(stream):
         return text
     return VERDICT.sub(lambda found: f'\x1b[{COLOURS[found[0].lower()]}m{found[0]}\x1b[0m', text)
 

@@ -32,24 +32,28 @@ def comparison_json(found: Comparison) -> str:
     return json.dumps(found.to_dict(), indent=2, allow_nan=False) + '\n'
 
 
-def comparison_text(found: Comparison) -> str:
-    """Return the truth, the table, and the warnings and gates of the systems."""
+def comparison_text(found: Comparison, styled: bool = False) -> str:
+    """
+    Return the truth, the table, and the warnings and gates of the systems.
+
+    :param styled: whether ANSI codes may mark the best systems.
+    """
     first = next(iter(found.results.values()))
-    lines = [
+    head = [
         f'ground truth  {described(first.ground_truth)}',
         f'alignment     {first.config.alignment}',
         '',
-        *text_tables(found.matrix).splitlines(),
-        *text_verdicts(found.matrix).splitlines(),
-        *(f'warning: {text}' for text in cautions(found)),
     ]
+    table = text_tables(found.matrix, styled) + text_verdicts(found.matrix)
+    lines = [f'warning: {text}' for text in cautions(found)]
     verdicts = [
         f'{verdict.word}  {name}: {verdict.gate}  (is {number(verdict.value)})'
         for name, result in found.results.items()
         for verdict in result.verdicts
     ]
     lines += ['', *verdicts] if verdicts else []
-    return '\n'.join(map(printable, lines)) + '\n'
+    above, below = (''.join(f'{printable(line)}\n' for line in part) for part in (head, lines))
+    return f'{above}{table}{below}'
 
 
 def cautions(found: Comparison) -> Iterator[str]:

@@ -48,19 +48,24 @@ def suite_json(result: SuiteResult) -> str:
     return json.dumps(result.to_dict(), indent=2, allow_nan=False) + '\n'
 
 
-def suite_text(result: SuiteResult) -> str:
-    """Return the table of sequences, worst first, and the problems of each."""
-    matrix = result.matrix()
-    of_systems = result.has_systems
-    table = text_tables(matrix) + text_verdicts(matrix) if of_systems else _rows(result)
-    lines = [*table.splitlines(), '']
+def suite_text(result: SuiteResult, styled: bool = False) -> str:
+    """
+    Return the table of sequences, worst first, and the problems of each.
+
+    :param styled: whether ANSI codes may mark the best systems.
+    """
+    if result.has_systems:
+        table = text_tables(result.matrix(), styled) + text_verdicts(result.matrix())
+    else:
+        table = _rows(result) + '\n'
+    lines = ['']
     lines += [
         f'{name}: {"warning: " if is_caution else ""}{text}'
         for name, is_caution, text in remarks(result)
     ]
     lines += [f'note: {note}' for note in result.notes]
     lines.append(f'{"pass" if result.passed else "fail"}: {failed_of_all(result)}')
-    return '\n'.join(map(printable, lines)) + '\n'
+    return table + '\n'.join(map(printable, lines)) + '\n'
 
 
 def _rows(result: SuiteResult) -> str:
