@@ -74,7 +74,7 @@ class Evaluator:
     @property
     def received(self) -> int:
         """How many messages it has received."""
-        return sum(topic.received for topic in self._node._streams)
+        return sum(topic.received for topic in self._node._streams.values())
 
     def stop(self, status: int = 0) -> str:
         """End it as a signal does; return what it complained of."""

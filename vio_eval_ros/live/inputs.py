@@ -9,7 +9,9 @@ from typing import NamedTuple
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.live.options import NodeConfig
 
-#: what stands in the name of a topic
+#: the name of the ground truth among the streams of the node
+GROUND_TRUTH = 'ground_truth'
+#: what may stand in the name of a topic
 LABEL = '[A-Za-z][A-Za-z0-9_]*'
 
 
@@ -25,6 +27,11 @@ class InputName(NamedTuple):
     topic: str
     frames: str = ''
     label: str = ''
+
+    @property
+    def key(self) -> str:
+        """The name of an estimate among the streams of the node."""
+        return f'estimate {self.label}' if self.label else 'estimate'
 
     @classmethod
     def parse(cls, text: str, label: str = '') -> InputName:
@@ -67,7 +74,7 @@ def ground_truth_of(settings: NodeConfig) -> InputName:
 
     :raises ConfigError: likewise.
     """
-    return _one('ground_truth', settings.ground_truth, settings.ground_truth_frames)
+    return _one(GROUND_TRUTH, settings.ground_truth, settings.ground_truth_frames)
 
 
 def _one(name: str, text: str, frames: Sequence[str]) -> InputName:

@@ -41,6 +41,12 @@ class NodeConfig(Options):
     )
     limits_file: str = option('', 'YAML file of limits: {diagnose: {name: number}}')
     report_dir: str = option('', 'folder for the report of each run; empty: none is written')
+    checkpoint_s: float = option(
+        0.0,
+        'how often the run is saved in report_dir, so that a node that was killed goes on with '
+        'it; 0: never',
+        minimum=0.0,
+    )
     publish_metrics: tuple[str, ...] = option(
         ('ate_trans_rmse_m', 'ate_rot_rmse_deg', 'rpe_1s_trans_rmse_m', 'rpe_1s_rot_rmse_deg'),
         'metrics with topics of their own, ~/metrics/NAME and ~/window/NAME',

@@ -78,6 +78,10 @@ class RunQueue:
         self._append(poses[:certain])
         self._withheld = Poses.concatenate([poses[certain:], uncertain])
 
+    def resume(self, poses: Poses) -> None:
+        """Begin with poses of the run that another queue had handed on."""
+        self._append(poses)
+
     def take(self) -> Poses:
         """Return the poses of the run that were added since the last call."""
         poses = Poses.concatenate([Trajectory.empty(), *self._runs[0]])
@@ -179,6 +183,11 @@ class PathQueue(RunQueue):
         self._first_ns = min(self._first_ns, int(poses.stamps_ns.min()))
         self._last_ns = max(self._last_ns, int(poses.stamps_ns.max()))
         self._revise(poses)
+
+    def resume(self, poses: Poses) -> None:
+        """Begin with poses that another queue had handed on, as if they were one message."""
+        if len(poses):
+            self.add(poses, 0.0)
 
     def release(self) -> None:
         """Add a message that is withheld, if there is one."""

@@ -8,6 +8,7 @@ from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import VioEvalError
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.live.health import conclusions, why_no_pairs
+from vio_eval_ros.live.inputs import InputName
 from vio_eval_ros.live.run import LiveRun, RunSetup
 from vio_eval_ros.live.snapshot import Snapshot
 from vio_eval_ros.rendering.text import number
@@ -20,23 +21,24 @@ class Estimator:
     """
     An estimate under test.
 
-    :param label: what it is called beside others; empty where there is only one.
+    :param name: of its stream, and what it is called beside others.
     """
 
-    def __init__(self, label: str, stream: PoseTopic, setup: RunSetup, outputs: Outputs) -> None:
-        self.label = label
+    def __init__(
+        self, name: InputName, stream: PoseTopic, setup: RunSetup, outputs: Outputs
+    ) -> None:
+        self.name = name
         self.stream = stream
         self.run = LiveRun(setup)
         self.outputs = outputs
         self.problem = ''  # of the run: why it cannot be evaluated
         self._setup = setup
 
-    def hand_over(self, truth: Poses | None) -> None:
-        """Hand the poses that have arrived to the run, those of the ground truth as well."""
-        poses = self.stream.queue.take()
-        if len(poses):
-            self.run.add_estimate(poses, self.stream.revisions)
-        if truth is not None and len(truth):
+    def add(self, estimate: Poses, truth: Poses) -> None:
+        """Hand poses that have arrived to the run."""
+        if len(estimate):
+            self.run.add_estimate(estimate, self.stream.revisions)
+        if len(truth):
             self.run.add_ground_truth(truth)
 
     def evaluate(self, window_s: float, frame: str) -> str:
@@ -56,6 +58,11 @@ class Estimator:
         """Evaluate the seconds that are over, and publish their running values."""
         for stamp_ns, values in self.run.advance():
             self.outputs.publish_second(stamp_ns, values, self.run.began_ns)
+
+    def catch_up(self) -> None:
+        """Evaluate seconds that were published before."""
+        for _ in self.run.advance():
+            pass
 
     def next_run(self, number: int, why: str) -> None:
         """Begin another run."""

@@ -9,9 +9,9 @@ than its mere deserialisation elsewhere. What has arrived is evaluated once a se
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import asdict, replace
 import math
 from pathlib import Path
 import time
@@ -35,11 +35,12 @@ from vio_eval_ros.comparison.tables import text_tables
 from vio_eval_ros.core.config import EvaluationConfig, nearest_name
 from vio_eval_ros.core.evaluation import Evaluation, metric_names
 from vio_eval_ros.core.gates import check_names
+from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.diagnosis.limits import DiagnosisLimits
 from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE, VioEvalError, WriteError
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.live.health import statuses, why_no_pairs
-from vio_eval_ros.live.inputs import estimates_of, ground_truth_of, InputName
+from vio_eval_ros.live.inputs import estimates_of, GROUND_TRUTH, ground_truth_of, InputName
 from vio_eval_ros.live.options import NodeConfig
 from vio_eval_ros.live.queues import LAG_S, why_the_run_ends
 from vio_eval_ros.live.report_folder import ReportFolder
@@ -52,6 +53,7 @@ from vio_eval_ros.ros.estimator import Estimator
 from vio_eval_ros.ros.outputs import Outputs
 from vio_eval_ros.ros.parameters import changed, declare, refuse_unknown
 from vio_eval_ros.ros.pose_topic import PoseTopic
+from vio_eval_ros.ros.recovery import Recovery
 from vio_eval_ros.settings import gates_of, limits_of
 
 NAME = 'vio_evaluator'
@@ -76,14 +78,16 @@ class Evaluator(Node):
         # made for its parameters also where a file takes its place
         truth = self._stream('ground_truth', names[1])
         self._truth = None if setup.truth else truth
-        self._streams = [*streams, *([self._truth] if self._truth else [])]
+        self._streams = {name.key: one for name, one in zip(names[0], streams, strict=True)}
+        if self._truth:
+            self._streams[GROUND_TRUTH] = self._truth
         refuse_unknown(self)
-        _refuse_twice(self._streams)
+        _refuse_twice(self._streams.values())
         metrics = self._chosen_metrics(config)
         running = tuple(Evaluation(config).running())
         self._estimators = [
             Estimator(
-                name.label,
+                name,
                 stream,
                 replace(setup, names=(stream.topic, truth.topic)),
                 Outputs(self, name.label, metrics, running),
@@ -101,11 +105,14 @@ class Evaluator(Node):
         self._clock_jumped_s = math.inf  # monotonic, until the run ends
         self._ended_s = -math.inf  # monotonic, when the run before ended
         self._published = 0  # messages of which the result is published
+        self._recovery = self._resumed(config)
         self._serve('reset', self._reset)
         self._serve('write_report', self._write_report)
         self._create_timers()
         self.add_on_set_parameters_callback(self._set_parameters)
-        awaited = ' and '.join(f'{s.topic} ({s.name.replace("_", " ")})' for s in self._streams)
+        awaited = ' and '.join(
+            f'{s.topic} ({s.name.replace("_", " ")})' for s in self._streams.values()
+        )
         self.get_logger().info(f'waiting for {awaited}')
 
     def _common_setup(self, config: EvaluationConfig) -> RunSetup:
@@ -129,6 +136,25 @@ class Evaluator(Node):
             max_pairs=self._settings.max_pairs,
             limits=limits,
         )
+
+    def _resumed(self, config: EvaluationConfig) -> Recovery | None:
+        """Return what saves the run; go on with one that was left by a node that was killed."""
+        if not self._settings.checkpoint_s:
+            return None
+        identity = {
+            'options': asdict(config),
+            'streams': {name: stream.topic for name, stream in self._streams.items()},
+            'ground_truth_file': self._settings.ground_truth_file,
+        }
+        recovery = Recovery(self._settings, identity, self._streams, self.get_logger().warning)
+        if found := recovery.resume():
+            self._number, self._failed_gates = found.run, found.gates_failed
+            for estimator in self._estimators:
+                estimator.next_run(found.run, 'an earlier evaluator ended without its report')
+            self._distribute({name: one.queue.take() for name, one in self._streams.items()})
+            for estimator in self._estimators:
+                estimator.catch_up()
+        return recovery
 
     def _stream(self, side: str, name: InputName) -> PoseTopic:
         """Return a stream of poses."""
@@ -154,7 +180,7 @@ class Evaluator(Node):
 
     def destroy_node(self) -> None:
         """Leave the graph."""
-        for stream in self._streams:
+        for stream in self._streams.values():
             stream.close()
         super().destroy_node()
 
@@ -198,11 +224,11 @@ class Evaluator(Node):
         )
 
     def _drain(self) -> None:
-        for stream in self._streams:
+        for stream in self._streams.values():
             stream.drain()
 
     def _discover(self) -> None:
-        for stream in self._streams:
+        for stream in self._streams.values():
             stream.discover()
         own = (self.get_name(), self.get_namespace())
         self._other_nodes = self.get_node_names_and_namespaces().count(own) - 1
@@ -218,11 +244,14 @@ class Evaluator(Node):
                 self.get_logger().error(problem)
             estimator.outputs.publish_health(statuses(self._snapshot(estimator)))
         self._publish_results_of_silence()
+        if self._recovery:
+            self._recovery.save(self._number, self._failed_gates)
 
     def _snapshot(self, estimator: Estimator) -> Snapshot:
         """Return all that the health of an evaluation is judged by."""
         streams = filter(None, (estimator.stream, self._truth))
-        problems = (estimator.problem, *self._reports.unwritten.values())
+        unsaved = self._recovery.problem if self._recovery else ''
+        problems = (estimator.problem, *self._reports.unwritten.values(), unsaved)
         return Snapshot(
             run=estimator.run.state(),
             topics=tuple(stream.state for stream in streams),
@@ -237,8 +266,8 @@ class Evaluator(Node):
 
     def _publish_results_of_silence(self) -> None:
         """Publish the results where all streams are silent, once for what has arrived."""
-        received = sum(stream.received for stream in self._streams)
-        silent = all(one.silent_s > self._settings.stale_after_s for one in self._streams)
+        received = sum(stream.received for stream in self._streams.values())
+        silent = all(one.silent_s > self._settings.stale_after_s for one in self._streams.values())
         if silent and received > self._published:
             self._published = received
             for estimator in self._estimators:
@@ -246,7 +275,7 @@ class Evaluator(Node):
 
     def _take_in(self) -> None:
         """Hand the poses that have arrived to their run; go on to the next where one ends."""
-        for stream in self._streams:
+        for stream in self._streams.values():
             stream.read()
         self._hand_over()
         self._end_runs()
@@ -256,18 +285,25 @@ class Evaluator(Node):
     def _end_runs(self, at_once: bool = False) -> None:
         """Go on to the next run as long as a jump back in time says so."""
         while why := why_the_run_ends(
-            [stream.progress for stream in self._streams], time.monotonic(), at_once
+            [stream.progress for stream in self._streams.values()], time.monotonic(), at_once
         ):
             self._next_run(why)
 
     def _hand_over(self) -> None:
-        truth = self._truth.queue.take() if self._truth else None
+        poses = {name: stream.queue.take() for name, stream in self._streams.items()}
+        if self._recovery:
+            self._recovery.note(poses)
+        self._distribute(poses)
+
+    def _distribute(self, poses: Mapping[str, Poses]) -> None:
+        """Hand the poses of the streams, by their names, to the runs."""
+        truth = poses.get(GROUND_TRUTH, Trajectory.empty())
         for estimator in self._estimators:
-            estimator.hand_over(truth)
+            estimator.add(poses[estimator.name.key], truth)
 
     def _release(self) -> None:
         """Hand over what is withheld as well: nothing more will come to tell what it is."""
-        for stream in self._streams:
+        for stream in self._streams.values():
             stream.queue.release()
         self._hand_over()
 
@@ -282,9 +318,11 @@ class Evaluator(Node):
         try:
             self._close(self._folder)
         finally:  # whatever became of it, it has ended
-            for stream in self._streams:
+            for stream in self._streams.values():
                 stream.next_run()
             self._reports.next_run()
+            if self._recovery:
+                self._recovery.next_run()
             self._ended_s = time.monotonic()
             self._clock_jumped_s = math.inf
             self._number += 1
@@ -299,6 +337,8 @@ class Evaluator(Node):
         self._release()
         if not (self._is_empty and self._number > 1):  # else the one before was the last
             self._close(self._run_folder)
+        if self._recovery and not self._reports.unwritten:
+            self._recovery.end()
 
     def _close(self, folder: Path) -> None:
         """Write, publish and log the results of a run that has ended; remember the verdicts."""
@@ -312,12 +352,14 @@ class Evaluator(Node):
             estimator.advance()
             heard = filter(None, (estimator.stream, self._truth))
             estimator.run.notes = [note for stream in heard for note in stream.notes()]
-            runs[estimator.label] = estimator.run
+            if self._recovery and self._recovery.resumed:
+                estimator.run.notes.insert(0, self._recovery.resumed)
+            runs[estimator.name.label] = estimator.run
         # what an earlier evaluator left there is not replaced by nothing
         written = None if self._is_empty else self._reports.write(runs, folder, self._compare)
         results = written[0] if written else {label: run.result() for label, run in runs.items()}
         for estimator in self._estimators:
-            estimator.outputs.publish_result(results[estimator.label])
+            estimator.outputs.publish_result(results[estimator.name.label])
         self._log(results, f'; the report is in {written[1]}' if written else '')
         return results
 
@@ -328,8 +370,8 @@ class Evaluator(Node):
     def _log(self, results: Mapping[str, Result], where: str) -> None:
         log = self.get_logger()
         for estimator in self._estimators:
-            name = f'{estimator.label}: ' if estimator.label else ''
-            found, wrong = estimator.told(results[estimator.label], self._snapshot(estimator))
+            name = f'{estimator.name.label}: ' if estimator.name.label else ''
+            found, wrong = estimator.told(results[estimator.name.label], self._snapshot(estimator))
             log.info(f'run {self._number}: {name}{found}{where}')
             for line in wrong:
                 log.warning(f'{name}{line}')
@@ -379,7 +421,7 @@ class Evaluator(Node):
         return SetParametersResult(successful=True)
 
 
-def _refuse_twice(streams: Sequence[PoseTopic]) -> None:
+def _refuse_twice(streams: Iterable[PoseTopic]) -> None:
     """Raise where two streams are one."""
     names: dict[str, str] = {}
     for stream in streams:

@@ -232,6 +232,13 @@ class PoseTopic:
             again += 1
         return again
 
+    def resume(self, msgtype: str, poses: Poses) -> None:
+        """Begin with what an evaluator before this one had received."""
+        if self._subscription is None and msgtype:
+            self._subscribe(msgtype)
+        self.queue.resume(poses)
+        self.received += len(poses)
+
     def notes(self) -> list[str]:
         """Return what is missing of the run: no other figure shows what did not arrive."""
         self._count_events()
