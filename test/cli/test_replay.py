@@ -226,6 +226,27 @@ def test_the_series_ends_with_the_final_result(flight, tmp_path, options):
     assert counts[-1] == 400
 
 
+@pytest.mark.parametrize('name', ['est.txt', 'gt.txt'])
+def test_the_series_is_of_the_poses_as_both_sides_settle_them(flight, tmp_path, name):
+    files = {'est.txt': flight / 'est.txt', 'gt.txt': flight / 'gt.txt', name: tmp_path / name}
+    rows = [line.split() for line in (flight / name).read_text().splitlines() if line[0] != '#']
+    files[name].write_text('\n'.join(' '.join([*row[:4], row[7], *row[4:7]]) for row in rows))
+    path = tmp_path / 'series.csv'
+    found = result(
+        '--estimate',
+        files['est.txt'],
+        '--ground-truth',
+        files['gt.txt'],
+        '--series',
+        f'csv:{path}',
+    )
+    assert 'quaternion=wxyz' in found['warnings'][0]
+    *_, row = csv.DictReader(path.read_text().splitlines())
+    rotation = found['metrics']['ate_rot_rmse_deg']
+    assert rotation < 10
+    assert float(row['ate_rot_rmse_deg']) == pytest.approx(rotation, rel=1e-9)
+
+
 def test_a_row_of_the_series_is_the_result_of_the_run_up_to_there(flight, tmp_path):
     path = tmp_path / 'series.csv'
     assert replay(*pair(flight), '--series', f'csv:{path}').returncode == 0

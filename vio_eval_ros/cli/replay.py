@@ -26,6 +26,7 @@ from vio_eval_ros.errors import ConfigError, FAILED, NoPairs, PASSED, UNABLE, Vi
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.figures.reports import FORMATS, overview_picture
 from vio_eval_ros.figures.style import check_installed
+from vio_eval_ros.recordings.agreement import comparable
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.rendering.terminal import check_plotext, wants_colour
@@ -299,6 +300,7 @@ def _series(
     config: EvaluationConfig, estimate: Source, truth: Source
 ) -> list[tuple[int, dict[str, float]]]:
     """Return the running values of the run."""
+    estimate, truth = comparable(estimate, truth, config)
     # a live evaluation would have seen the poses as first published
     poses = estimate.poses if estimate.causal is None else estimate.causal
     return list(running_series(config, poses, truth.poses))

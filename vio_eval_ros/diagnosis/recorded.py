@@ -18,10 +18,9 @@ from vio_eval_ros.diagnosis.gyroscope import compare
 from vio_eval_ros.diagnosis.limits import DiagnosisLimits
 from vio_eval_ros.diagnosis.report import Diagnosis
 from vio_eval_ros.errors import ReadError
-from vio_eval_ros.recordings.agreement import assumed, settled
+from vio_eval_ros.recordings.agreement import assumed, comparable
 from vio_eval_ros.recordings.imu import read_imu
 from vio_eval_ros.recordings.progress import Progress
-from vio_eval_ros.recordings.publishers import of_one_publisher
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.recordings.text import read_text
@@ -67,8 +66,7 @@ def diagnose_sources(
     :raises NoPairs: where there are too few poses, or the two sides have no time in common.
     :raises ConfigError: there is no such profile.
     """
-    estimate, ground_truth = settled(estimate, ground_truth, config)
-    estimate, ground_truth = of_one_publisher(estimate, ground_truth, config)
+    estimate, ground_truth = comparable(estimate, ground_truth, config)
     received = {'estimate': estimate.poses, 'ground_truth': ground_truth.poses}
     unusable = [side for side, each in received.items() if why_positions_only(each) == UNUSABLE]
     counts = {side: Cleaning() for side in received}

@@ -20,8 +20,7 @@ from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.diagnosis.hint import hint
 from vio_eval_ros.errors import ConfigError, NoPairs
 from vio_eval_ros.evaluation.result import Input, Result
-from vio_eval_ros.recordings.agreement import assumed, settled
-from vio_eval_ros.recordings.publishers import of_one_publisher
+from vio_eval_ros.recordings.agreement import assumed, comparable
 from vio_eval_ros.recordings.sources import Source
 
 #: poses of the ground truth that a result keeps for drawing it
@@ -44,8 +43,7 @@ def score_run(
     :raises ReadError: a side leaves open how it is to be read, and the two do not settle it.
     :raises ConfigError: poses whose orientations say nothing are to be moved to another frame.
     """
-    estimate, truth = settled(estimate, truth, config)
-    estimate, truth = of_one_publisher(estimate, truth, config)
+    estimate, truth = comparable(estimate, truth, config)
     _check_bodies(config, estimate.poses, truth.poses)
     if config.needs_path:
         config = config.of_path(_path_m(truth.poses, config))

@@ -15,6 +15,7 @@ from vio_eval_ros.recordings.agreement.orders import with_orders
 from vio_eval_ros.recordings.agreement.origins import with_one_origin
 from vio_eval_ros.recordings.agreement.pairs import Sides
 from vio_eval_ros.recordings.agreement.stamps import with_units_of_stamps
+from vio_eval_ros.recordings.publishers import of_one_publisher
 from vio_eval_ros.recordings.sources import Source
 
 
@@ -31,6 +32,16 @@ def settled(estimate: Source, truth: Source, config: EvaluationConfig | None = N
     sides = with_orders(sides, config)
     sides = with_units_of_positions(sides, config)
     return with_one_origin(with_held_orientations(sides, config), config)
+
+
+def comparable(estimate: Source, truth: Source, config: EvaluationConfig) -> Sides:
+    """
+    Return both sides as they are compared: as they were meant, and each of one publisher.
+
+    :raises ReadError: the two do not settle how they are read, or poses of several publishers take
+        turns in one of them.
+    """
+    return of_one_publisher(*settled(estimate, truth, config), config)
 
 
 def assumed(estimate: Source, truth: Source) -> tuple[str, ...]:
