@@ -245,6 +245,16 @@ def test_a_wrong_argument_is_one_line_and_status_2(environment, arguments, probl
     assert said.count('\n') == 1, said
 
 
+def test_a_live_evaluation_is_not_weighted(environment, tmp_path, capfd):
+    file = tmp_path / 'truth.txt'
+    file.write_text(''.join(f'{k} {k} 0 0 0 0 0 1\n' for k in range(1, 9)))
+    spec = f'{file}?weights=covariance'
+    done = call('evaluator', '--ros-args', '-p', f'ground_truth_file:={spec}')
+    said = done.stderr + capfd.readouterr().err
+    assert (done.returncode, said.count('\n')) == (2, 1), said
+    assert f'ground_truth_file: {spec}: weights=covariance is for the ground truth of' in said
+
+
 @pytest.mark.parametrize(
     ('arguments', 'problem'),
     [

@@ -19,6 +19,8 @@ from vio_eval_ros.core.trajectory import blocks, PairLog, Pairs, Trajectory
 SCALED_MODES = ('scale', 'sim3')
 #: parameters that an alignment has to fit
 FREE_PARAMETERS = {'none': 0, 'scale': 1, 'posyaw': 4, 'origin': 6, 'se3': 6, 'sim3': 7}
+#: alignments that are not fitted to the pairs, and what they do instead
+UNFITTED = {'none': 'fits nothing', 'origin': 'takes the first pair alone'}
 COORDINATES = 3
 FEWEST_PAIRS = 2
 #: second over first singular value, below which positions lie on a line
@@ -41,53 +43,92 @@ class Moments:
     :param mean: (9,) mean of Q e, g and g - Q e, metres.
     :param scatter: (9, 9) sum of outer products of the deviations, square metres.
     :param reference: (3, 3) the invertible Q.
+    :param total: N, or the sum of the weights of weighted means and sums.
+    :param weighted: the same of the pairs whose true positions have a weight, by these weights;
+        alignments are fitted to it, errors never depend on it. None where nothing is weighted.
     """
 
     count: int
     mean: np.ndarray
     scatter: np.ndarray
     reference: np.ndarray
+    total: float
+    weighted: Moments | None = None
 
     @classmethod
     def empty(cls, reference: np.ndarray | None = None) -> Moments:
         """Return the moments of no pairs."""
-        return cls(0, np.zeros(9), np.zeros((9, 9)), np.eye(3) if reference is None else reference)
+        reference = np.eye(3) if reference is None else reference
+        return cls(0, np.zeros(9), np.zeros((9, 9)), reference, 0)
 
     @classmethod
     def of(cls, pairs: Pairs, reference: np.ndarray | None = None) -> Moments:
         """Return the moments of pairs, about a (3, 3) reference if there is one."""
         moments = cls.empty(reference)
+        weights = pairs.ground_truth.weights
         for rows in blocks(len(pairs)):
-            moments = moments.merge(
-                moments._of_block(
-                    pairs.estimate.positions[rows], pairs.ground_truth.positions[rows]
-                )
+            block = moments._of_block(
+                pairs.estimate.positions[rows],
+                pairs.ground_truth.positions[rows],
+                None if weights is None else weights[rows],
             )
+            moments = moments.merge(block)
         return moments
 
-    def _of_block(self, estimate: np.ndarray, truth: np.ndarray) -> Moments:
+    def _of_block(
+        self, estimate: np.ndarray, truth: np.ndarray, weights: np.ndarray | None
+    ) -> Moments:
         rotated = estimate @ self.reference.T
         samples = np.concatenate([rotated, truth, truth - rotated], axis=1)
+        weighted = None if weights is None else self._of_weighted(samples, weights)
         mean = samples.mean(axis=0)
         samples -= mean
         # the mean that remains is rounding: subtracting it keeps the sums exact
         remainder = samples.mean(axis=0)
         samples -= remainder
-        return Moments(len(samples), mean + remainder, samples.T @ samples, self.reference)
+        count, scatter = len(samples), samples.T @ samples
+        return Moments(count, mean + remainder, scatter, self.reference, count, weighted)
+
+    def _of_weighted(self, samples: np.ndarray, weights: np.ndarray) -> Moments:
+        """Return the weighted moments of (N, 9) samples, without those of no weight."""
+        samples, weights = samples[weights > 0], weights[weights > 0]
+        if not len(samples):
+            return Moments.empty(self.reference)
+        mean = np.average(samples, axis=0, weights=weights)
+        samples = samples - mean
+        remainder = np.average(samples, axis=0, weights=weights)
+        samples -= remainder
+        scatter = (samples * weights[:, None]).T @ samples
+        total = float(weights.sum())
+        return Moments(len(samples), mean + remainder, scatter, self.reference, total)
 
     def merge(self, other: Moments) -> Moments:
         """Return the moments of both sets together; they must share their reference."""
         if not self.count or not other.count:
             return self if self.count else other
-        count = self.count + other.count
+        total = self.total + other.total
         step = other.mean - self.mean
+        weighted = self.weighted
+        if weighted is not None and other.weighted is not None:
+            weighted = weighted.merge(other.weighted)
         return Moments(
-            count,
-            self.mean + step * (other.count / count),
+            self.count + other.count,
+            self.mean + step * (other.total / total),
             self.scatter
             + other.scatter
-            + np.outer(step, step) * (self.count * other.count / count),
+            + np.outer(step, step) * (self.total * other.total / total),
             self.reference,
+            total,
+            weighted,
+        )
+
+    def to_fit(self) -> Moments:
+        """Return what an alignment is fitted to, with weights of which the mean is 1."""
+        known = self.weighted
+        if known is None or not known.count:
+            return self if known is None else known
+        return replace(
+            known, scatter=known.scatter * (known.count / known.total), total=known.count
         )
 
     @property
@@ -205,17 +246,21 @@ def solve(mode: str, moments: Moments, first: Pairs, compared: int | None = None
 
     :param mode: none, origin (the first poses coincide), scale (about the origin of the world),
         posyaw (rotation about the vertical only), se3 or sim3.
-    :param moments: of the pairs to align on.
+    :param moments: of the pairs to align on. Where these have weights, the weighted mean squared
+        distance is minimised; all pairs count as compared.
     :param first: the first pair of the run, for ``origin``.
     :param compared: how many pairs the alignment is applied to, where that is more.
     """
     count = moments.count if compared is None else compared
     if why := _why_not_redundant(mode, count):
         return undetermined(mode, why)
-    alignment = _fit(mode, moments, first)
-    if moments.count < count and not alignment.observable:
+    fitted = moments.to_fit()
+    alignment = _fit(mode, fitted, first)
+    if fitted.count < count and not alignment.observable:
         # fitted pairs lie on a line, around which the others may be anywhere
-        return undetermined(mode, f'{alignment.undetermined} in the first align_first_s')
+        among = ' in the first align_first_s' * (moments.count < count)
+        among += ', counting only pairs with a weight' * (fitted.count < moments.count)
+        return undetermined(mode, alignment.undetermined + among)
     return alignment
 
 
@@ -248,7 +293,8 @@ def _fit(mode: str, moments: Moments, first: Pairs) -> Alignment:
         scale = (
             product / square if square > 0 and product else math.nan
         )  # NaN for a truth of zeros
-        return Alignment(mode, scale, IDENTITY, np.zeros(3))
+        why = '' if moments.count else 'there are no pairs'
+        return Alignment(mode, scale, IDENTITY, np.zeros(3), why)
     scale, why = 1.0, _why_undetermined(mode, moments)
     if mode == 'posyaw':
         yaw = math.atan2(cross[1, 0] - cross[0, 1], cross[0, 0] + cross[1, 1])

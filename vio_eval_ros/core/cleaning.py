@@ -101,7 +101,9 @@ def clean(
             np.count_nonzero(np.abs(norms - 1) > UNIT_QUATERNION_TOLERANCE)
         )
         rotations = poses.rotations / norms[:, None]  # type: ignore[operator]
-    trajectory = Trajectory(poses.stamps_ns, poses.positions, rotations, poses.covariances)
+    trajectory = Trajectory(
+        poses.stamps_ns, poses.positions, rotations, poses.covariances, weights=poses.weights
+    )
     return _in_order(trajectory, counts, newest_ns)
 
 

@@ -179,6 +179,14 @@ class Evaluation:
                 f'{alignment.undetermined}: the rotation of the {alignment.mode} alignment is not '
                 'determined; rotation errors are null'
             )
+        weights = pairs.ground_truth.weights
+        if weights is not None and weights.any():
+            equal = float(weights.sum()) ** 2 / float(weights @ weights)  # Kish (1965)
+            if equal < FEW_PAIRS <= len(pairs):
+                yield (
+                    f'the weights of {len(pairs)} pairs are worth {equal:.1f} equal ones: few '
+                    'true poses decide the alignment'
+                )
         if len(pairs) < FEW_PAIRS:
             yield f'only {len(pairs)} pair{"s" * (len(pairs) != 1)}: the numbers mean little'
         if self._account.log.dropped:

@@ -39,7 +39,21 @@ def between(begin: Poses, end: Poses, stamps_ns: np.ndarray, weighted: bool = Fa
     if begin.covariances is not None and end.covariances is not None:
         share = weight[:, None, None, None]
         covariances = begin.covariances * (1 - share) + end.covariances * share
-    return Trajectory(stamps_ns, positions, rotations, covariances)
+    weights = None
+    if begin.weights is not None and end.weights is not None:
+        weights = _weights(begin.weights, end.weights, weight)
+    return Trajectory(stamps_ns, positions, rotations, covariances, weights=weights)
+
+
+def _weights(begin: np.ndarray, end: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """
+    Return weights between others, which are inverse variances: those of the mean variance.
+
+    Where one of two is 0, so is what lies between.
+    """
+    with np.errstate(divide='ignore', invalid='ignore'):
+        inverse = np.where(share < 1, (1 - share) / begin, 0.0)
+        return np.asarray(1 / (inverse + np.where(share > 0, share / end, 0.0)))
 
 
 def interpolated(poses: Poses, stamps_ns: np.ndarray) -> Trajectory:
@@ -114,10 +128,15 @@ def _refined(poses: Trajectory, pieces: int) -> Trajectory:
         curves = _hermite(vectors, rates[:-1] * length, rates[1:] * length, weight)
         fine = rotation.multiply(q[:-1, None], rotation.from_rotation_vector(curves))
         rotations = np.concatenate([fine.reshape(-1, 4), q[-1:]])
+    weights = poses.weights
+    if weights is not None:
+        fine = _weights(weights[:-1, None], weights[1:, None], weight[..., 0])
+        weights = np.append(fine.ravel(), weights[-1])
     return Trajectory(
         np.append(stamps_ns.ravel(), poses.stamps_ns[-1]),
         np.concatenate([positions, poses.positions[-1:]]),
         rotations,
+        weights=weights,
     )
 
 

@@ -18,7 +18,7 @@ BLOCK_ROWS = 1 << 13
 MAX_RESERVED_PAIRS = 1 << 22
 #: smallest over largest eigenvalue, below which a covariance is singular
 MIN_EIGENVALUE_RATIO = 1e-12
-COLUMNS = ('stamps_ns', 'positions', 'rotations', 'covariances')
+COLUMNS = ('stamps_ns', 'positions', 'rotations', 'covariances', 'weights')
 
 
 def blocks(count: int) -> Iterator[slice]:
@@ -58,6 +58,8 @@ class Poses:
         before ``/clock``.
     :param origin: of a world that is metres east, north and up: its latitude and longitude [deg]
         and height [m]; None for any other world.
+    :param weights: (N,) float64, how much each position counts where an alignment is fitted to
+        them, relative to others of the stream; 0 leaves it out. None where all count the same.
     """
 
     stamps_ns: np.ndarray
@@ -66,6 +68,7 @@ class Poses:
     covariances: np.ndarray | None = None
     zero_is_unset: bool = False
     origin: tuple[float, float, float] | None = None
+    weights: np.ndarray | None = None
 
     def __len__(self) -> int:
         """Return the number of poses."""
@@ -84,12 +87,14 @@ class Poses:
         """
         Return all parts as one.
 
-        Where a non-empty part has no rotations, there are none; unknown covariances are NaN.
+        Where a non-empty part has no rotations or weights, there are none; unknown covariances are
+        NaN.
         """
         parts = [part for part in parts if len(part)] or list(parts[:1])
         if len(parts) == 1:
             return parts[0]
         rotations: list[Any] = [part.rotations for part in parts]
+        weights: list[Any] = [part.weights for part in parts]
         covariances: list[Any] = [part.covariances for part in parts]
         known = any(column is not None for column in covariances)
         return cls(
@@ -99,6 +104,7 @@ class Poses:
             np.concatenate([part.covariances_or_nan() for part in parts]) if known else None,
             any(part.zero_is_unset for part in parts),
             parts[0].origin,
+            None if any(column is None for column in weights) else np.concatenate(weights),
         )
 
     def covariances_or_nan(self) -> np.ndarray:
@@ -308,6 +314,7 @@ class PairLog:
             self._appended(trajectory.stamps_ns, new.stamps_ns),
             self._appended(trajectory.positions, new.positions),
             self._appended(trajectory.rotations, new.rotations),
+            weights=self._appended(trajectory.weights, new.weights),
         )
 
     def _appended(self, column: Any, new: np.ndarray | None) -> Any:

@@ -126,6 +126,7 @@ class Result:
     def to_dict(self) -> dict[str, Any]:
         """Return the result as schema ``vio_eval_ros.result/1`` has it: no NaN, but None."""
         alignment = self.summary.alignment
+        is_weighted = self.summary.pairs.ground_truth.weights is not None
         success = judge(SUCCESS_GATES, self.summary.metrics)
         result = {
             'schema': SCHEMA,
@@ -142,6 +143,7 @@ class Result:
                 'rotation_xyzw': alignment.rotation.tolist(),
                 'translation_m': alignment.translation.tolist(),
                 'observable': alignment.observable,
+                'weights': 'covariance' if is_weighted else None,
             },
             'metrics': self.summary.metrics,
             'warnings': self.summary.warnings,

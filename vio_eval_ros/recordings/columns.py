@@ -140,6 +140,11 @@ SYNONYMS: dict[str, str] = {
     r'(?:r|rot|rotation|m|mat|matrix|t|h)_?([0-4])_?([0-4])': 'r{0}{1}',
     r'p([rt])_([123])_?([123])': 'p{0}{1}{2}',
     r'covariance_(\d|[12]\d|3[0-5])': 'cov{0}',
+    # of a fix, row by row; the cells below the diagonal repeat those above it
+    **{
+        f'position_covariance_{cell}': role
+        for cell, role in zip((0, 1, 2, 4, 5, 8), POSITION_COVARIANCE, strict=True)
+    },
 }
 #: the axes of the earth by their letters, where all three are there
 LETTERS = {('e', 'n', 'u'): ('east', 'north', 'up'), ('n', 'e', 'd'): ('north', 'east', 'down')}

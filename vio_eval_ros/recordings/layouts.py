@@ -401,9 +401,11 @@ def _covariances(
     if cells := layout.places(COVARIANCE):
         return covariance_blocks(take(values, cells))
     place, turn = layout.places(POSITION_COVARIANCE), layout.places(ORIENTATION_COVARIANCE)
-    if place is None or turn is None or rotations is None:
+    if place is None:
         return None
     full = [0, 1, 2, 1, 3, 4, 2, 4, 5]
+    if turn is None or rotations is None:
+        return covariance_blocks(take(values, place)[:, full])
     blocks = np.stack(
         [take(values, cells)[:, full].reshape(-1, 3, 3) for cells in (place, turn)], axis=1
     )

@@ -22,9 +22,12 @@ from vio_eval_ros.recordings.geographic import Origin, Projection
 
 PATH = 'nav_msgs/msg/Path'
 NO_FIX = -1  # the status of a NavSatFix and of a GPSFix
+#: how the covariance of a fix may say that it is unknown: as a number, and in JSON by its name
+UNKNOWN_TYPES = (0, 'UNKNOWN')
+POSITION_CELLS = 9
 
 # The numbers of a pose: the position, then the quaternion x y z w and then the row-major 6 x 6
-# covariance, where the message has them.
+# covariance, where the message has them; or the position and its row-major 3 x 3 covariance.
 Numbers = tuple[float, ...]
 # The stamp [ns] and the numbers of a pose.
 Row = tuple[int, Numbers]
@@ -134,11 +137,19 @@ def geographic_pose_numbers(pose: Any) -> Numbers:
 
 
 def fix_numbers(fix: Any) -> Numbers:
-    """Return where a satellite fix is; NaN where its status says that there is none (-1)."""
+    """
+    Return where a satellite fix is and the covariance [m²] of that, along east, north and up.
+
+    The position is NaN where its status says that there is none (-1), the covariance where its
+    type says that it is unknown.
+    """
     status = getattr(fix, 'status', None)
-    if status is not None and status.status == NO_FIX:
-        return np.nan, np.nan, np.nan
-    return geographic_numbers(fix)
+    has_fix = status is None or getattr(status, 'status', None) != NO_FIX
+    position = geographic_numbers(fix) if has_fix else (np.nan,) * 3
+    cells = tuple(getattr(fix, 'position_covariance', ()))
+    kind = getattr(fix, 'position_covariance_type', UNKNOWN_TYPES[0])
+    is_known = len(cells) == POSITION_CELLS and kind not in UNKNOWN_TYPES
+    return (*position, *(cells if is_known else (np.nan,) * POSITION_CELLS))
 
 
 def from_transform_stamped(message: Any) -> list[Row]:
@@ -215,7 +226,7 @@ CONVERTERS: dict[str, Converter | ArrayConverter] = {
         by_index=True,
     ),
     'foxglove.LocationFix': Converter(
-        lambda fix: [(stamp_ns(fix.timestamp), geographic_numbers(fix))], adjustment=Projection
+        lambda fix: [(stamp_ns(fix.timestamp), fix_numbers(fix))], adjustment=Projection
     ),
 }
 # of ROS, with one stamped pose in a message: what can be scored as it arrives
@@ -261,7 +272,7 @@ def collect(msgtype: str, messages: Iterable[Any], adjustment: Adjustment | None
 
 
 def columns(rows: list[Row]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (N,) stamps and the (N, 3), (N, 7) or (N, 43) numbers of rows."""
+    """Return the (N,) stamps and the (N, 3), (N, 7), (N, 12) or (N, 43) numbers of rows."""
     if not rows:
         return np.empty(0, np.int64), np.empty((0, 7))
     stamps, numbers = zip(*rows, strict=True)
@@ -276,10 +287,13 @@ def poses(stamps_ns: np.ndarray, numbers: np.ndarray) -> Poses:
     number that is not finite.
 
     :param stamps_ns: (N,) int64 nanoseconds.
-    :param numbers: (N, 3), (N, 7) or (N, 43), as the numbers of a :data:`Row`.
+    :param numbers: (N, 3), (N, 7), (N, 12) or (N, 43), as the numbers of a :data:`Row`.
     """
-    rotations = numbers[:, 3:7].copy() if numbers.shape[1] > 3 else None
-    covariances = covariance_blocks(numbers[:, 7:]) if numbers.shape[1] > 7 else None
+    width = numbers.shape[1]
+    is_place = width == 3 + POSITION_CELLS
+    rotations = numbers[:, 3:7].copy() if width > 3 and not is_place else None
+    begin = 3 if is_place else 7
+    covariances = covariance_blocks(numbers[:, begin:]) if width > begin else None
     return Poses(stamps_ns, numbers[:, :3].copy(), rotations, covariances, zero_is_unset=True)
 
 
@@ -287,14 +301,19 @@ def covariance_blocks(numbers: np.ndarray) -> np.ndarray | None:
     """
     Return the (N, 2, 3, 3) position and orientation blocks of (N, 36) row-major matrices.
 
-    None if no matrix is usable: most publishers leave them zero.
+    Of (N, 9) matrices, which are of a position, the orientation is NaN. None if no matrix is
+    usable: most publishers leave them zero.
     """
-    matrices = numbers.reshape(-1, 6, 6)
+    size = 3 if numbers.shape[1] == POSITION_CELLS else 6
+    matrices = numbers.reshape(-1, size, size)
     variances = np.diagonal(matrices, axis1=1, axis2=2)
     usable = np.isfinite(numbers).all(axis=1) & numbers.any(axis=1) & (variances >= 0).all(axis=1)
     if not usable.any():
         return None
-    blocks = np.stack([matrices[:, :3, :3], matrices[:, 3:, 3:]], axis=1)
+    blocks = np.full((len(matrices), 2, 3, 3), np.nan)
+    blocks[:, 0] = matrices[:, :3, :3]
+    if size > 3:
+        blocks[:, 1] = matrices[:, 3:, 3:]
     blocks[~usable] = np.nan
     return blocks
 

@@ -52,6 +52,7 @@ OF_EITHER = {
     'unit': Statement.one_of(*LENGTH_UNITS),
     'invert': Statement.one_of('pose', 'rotation'),
     'run': Statement('the number of a run, from 1', '[1-9][0-9]{0,3}'),
+    'weights': Statement.one_of('covariance'),
 }
 #: the conventions that mean something of a file, and of a topic
 STATEMENTS = {

@@ -15,6 +15,7 @@ from vio_eval_ros.recordings.agreement.orders import with_orders
 from vio_eval_ros.recordings.agreement.origins import with_one_origin
 from vio_eval_ros.recordings.agreement.pairs import Sides
 from vio_eval_ros.recordings.agreement.stamps import with_units_of_stamps
+from vio_eval_ros.recordings.agreement.weights import with_weights
 from vio_eval_ros.recordings.publishers import of_one_publisher
 from vio_eval_ros.recordings.sources import Source
 
@@ -26,12 +27,14 @@ def settled(estimate: Source, truth: Source, config: EvaluationConfig | None = N
     :param config: its offset is added to the stamps of the estimate.
     :raises ReadError: something is open that the two do not settle; the message says what to
         state.
+    :raises ConfigError: weights are asked for where they have no effect.
     """
     config = config or EvaluationConfig()
     sides = with_units_of_stamps((estimate, truth), config)
     sides = with_orders(sides, config)
     sides = with_units_of_positions(sides, config)
-    return with_one_origin(with_held_orientations(sides, config), config)
+    sides = with_one_origin(with_held_orientations(sides, config), config)
+    return with_weights(sides, config)
 
 
 def comparable(estimate: Source, truth: Source, config: EvaluationConfig) -> Sides:
@@ -40,6 +43,7 @@ def comparable(estimate: Source, truth: Source, config: EvaluationConfig) -> Sid
 
     :raises ReadError: the two do not settle how they are read, or poses of several publishers take
         turns in one of them.
+    :raises ConfigError: weights are asked for where they have no effect.
     """
     return of_one_publisher(*settled(estimate, truth, config), config)
 

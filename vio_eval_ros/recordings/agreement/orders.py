@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import product
 import math
@@ -22,10 +22,12 @@ from vio_eval_ros.recordings.agreement.pairs import (
     NAMES,
     noted,
     Sides,
+    statements_of,
 )
+from vio_eval_ros.recordings.agreement.weights import refuse_weights
 from vio_eval_ros.recordings.layouts import Reading
 from vio_eval_ros.recordings.sources import Source
-from vio_eval_ros.recordings.spec import Spec, with_statement
+from vio_eval_ros.recordings.spec import with_statement
 
 #: the angle within which orientations keep their relation, in the median ...
 CONSTANT_DEG = 20.0
@@ -81,7 +83,9 @@ def alone(source: Source) -> Source:
     Return a source that is read before there is another side, by the rule of its layout.
 
     :raises ReadError: it has no rule; what is open has to be stated.
+    :raises ConfigError: its spec asks for weights, which are of a comparison.
     """
+    refuse_weights(source)
     if not source.readings:
         return source
     taken = source.readings[0]
@@ -96,7 +100,7 @@ def alone(source: Source) -> Source:
 
 def _stated_and_other(side: Source) -> tuple[Reading, ...]:
     """Return the reading that is stated, as it is of arrays, and the one with the other order."""
-    statements = Spec.parse(side.spec).statements if side.paths else {'quaternion': 'xyzw'}
+    statements = statements_of(side) if side.paths else {'quaternion': 'xyzw'}
     stated, rotations = statements.get('quaternion'), side.poses.rotations
     only = Reading('', side.poses, usual=True)
     if stated is None or rotations is None or 'invert' in statements:
@@ -112,7 +116,7 @@ def _stated_and_other(side: Source) -> tuple[Reading, ...]:
 def _named_and_others(side: Source, named: Reading) -> tuple[Reading, ...]:
     """Return a reading whose order a header or message names, and those if the name is wrong."""
     rotations = side.poses.rotations
-    if rotations is None or 'invert' in _statements(side):
+    if rotations is None or 'invert' in statements_of(side):
         return (named,)
     meant = {('xyzw', -1): 'wxyz', ('wxyz', 1): 'xyzw'}
     others = (
@@ -124,10 +128,6 @@ def _named_and_others(side: Source, named: Reading) -> tuple[Reading, ...]:
         for turn in (1, -1)
     )
     return (named, *others)
-
-
-def _statements(side: Source) -> Mapping[str, str]:
-    return Spec.parse(side.spec).statements if side.paths else {}
 
 
 class _Relation(NamedTuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 import math
 
@@ -14,6 +15,7 @@ from vio_eval_ros.core.matching import nearest
 from vio_eval_ros.core.orientations import finite
 from vio_eval_ros.core.trajectory import Pairs, Poses, Trajectory
 from vio_eval_ros.recordings.sources import Source
+from vio_eval_ros.recordings.spec import Spec
 
 NAMES = ('estimate', 'ground truth')
 #: pairs of which two sides are compared, evenly over the run, and the fewest that tell anything
@@ -27,6 +29,11 @@ Sides = tuple[Source, Source]
 def noted(source: Source, note: str) -> Source:
     """Return a source with one more sentence before all others; an empty one is none."""
     return replace(source, warnings=(note, *source.warnings)) if note else source
+
+
+def statements_of(source: Source) -> Mapping[str, str]:
+    """Return what the spec of a source states; nothing of arrays, which have none."""
+    return Spec.parse(source.spec).statements if source.paths else {}
 
 
 @dataclass(frozen=True, eq=False)
