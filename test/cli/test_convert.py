@@ -297,6 +297,32 @@ def test_a_recording_alone_has_a_column_for_each_pose_topic():
     assert 'rosbag2, poses, covariances' in text
 
 
+def test_frames_are_those_that_messages_name(est, tmp_path):
+    def frames(*specs):
+        found = json.loads(info(*specs, '--json').stdout)['trajectories']
+        return [(one['frame_ids'], one['child_frame_ids']) for one in found]
+
+    demo = verbs.ROOT / 'demo/simulated_flight'
+    assert frames(demo) == [(['world'], []), (['odom'], ['body'])]
+    assert frames(est) == [([], [])]
+    for suffix in ('.mcap', '.bag'):
+        convert(est, tmp_path / f'named{suffix}', '--frame', 'map')
+        assert frames(tmp_path / f'named{suffix}') == [(['map'], [])]
+
+
+def test_frames_of_transforms_are_those_that_were_asked_for(shared_data):
+    path = shared_data / 'derived_bags/euroc_V1_02_vins_fusion.bag'
+    (one,) = json.loads(info(f'{path}:/tf:odom.imu', '--json').stdout)['trajectories']
+    assert (one['frame_ids'], one['child_frame_ids']) == (['odom'], ['imu'])
+
+
+def test_first_and_last_position_are_those_of_the_poses(est):
+    (one,) = json.loads(info(est, '--json').stdout)['trajectories']
+    (poses,) = read_sources([str(est)])
+    assert one['first_position_m'] == poses.positions[0].tolist()
+    assert one['last_position_m'] == poses.positions[-1].tolist()
+
+
 def test_one_file_that_cannot_be_read_does_not_hide_the_others(est, tmp_path):
     (tmp_path / 'empty.txt').write_text('')
     done = info(tmp_path / 'empty.txt', est)

@@ -11,7 +11,7 @@ from vio_eval_ros.conversion.facts import facts_of, info_text
 from vio_eval_ros.core.statistics import without_nan
 from vio_eval_ros.errors import PASSED, UNABLE
 from vio_eval_ros.recordings.agreement.orders import alone
-from vio_eval_ros.recordings.sources import check_times, pose_topics, read_each, Source
+from vio_eval_ros.recordings.sources import check_times, frames_of, pose_topics, read_each, Source
 from vio_eval_ros.recordings.spec import is_recording, Spec
 from vio_eval_ros.rendering.text import printable
 from vio_eval_ros.version import __version__
@@ -61,7 +61,7 @@ def _info(arguments: argparse.Namespace) -> int:
         raise wrong[0]
     for error in wrong:
         complain(VERB, str(error))
-    facts = [facts_of(alone(source)) for source in read]
+    facts = [facts_of(alone(source), frames_of(source)) for source in read]
     if arguments.json:
         found = {
             'schema': SCHEMA,

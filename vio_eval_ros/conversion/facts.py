@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from datetime import datetime, timezone
 from itertools import pairwise
 import math
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +17,9 @@ from vio_eval_ros.core.orientations import why_positions_only
 from vio_eval_ros.core.steps import step_lengths
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.rendering.text import number
+
+if TYPE_CHECKING:
+    from vio_eval_ros.recordings.recording import Frames
 
 #: an interval that is longer, and three times the usual one, is a gap
 GAP_S = 0.5
@@ -35,7 +38,10 @@ class Facts:
     :param rate_hz: one over the median interval.
     :param gaps: intervals longer than 0.5 s and three median ones, and ``longest_gap_s`` of them.
     :param speed_max_m_s: the 99.9th percentile of the steps over their intervals.
+    :param first_position_m: x y z, of the first pose; likewise of the last one.
     :param extent_m: of the bounding box, x y z.
+    :param frame_ids: the frames that the messages say their poses are in, most often one.
+    :param child_frame_ids: likewise, whose poses they are.
     """
 
     source: str
@@ -50,7 +56,11 @@ class Facts:
     path_length_m: float
     speed_mean_m_s: float
     speed_max_m_s: float
+    first_position_m: tuple[float, ...]
+    last_position_m: tuple[float, ...]
     extent_m: tuple[float, ...]
+    frame_ids: tuple[str, ...]
+    child_frame_ids: tuple[str, ...]
     position_only: bool
     covariances: bool
     dropped: dict[str, int]
@@ -58,10 +68,11 @@ class Facts:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the facts as JSON has them."""
-        return asdict(self) | {'extent_m': list(self.extent_m), 'notes': list(self.notes)}
+        values = asdict(self).items()
+        return {name: list(v) if isinstance(v, tuple) else v for name, v in values}
 
 
-def facts_of(source: Source) -> Facts:
+def facts_of(source: Source, frames: Frames) -> Facts:
     """Return the facts of a source, as it is read without another side."""
     counts = Cleaning()
     poses = clean(source.poses, counts)
@@ -85,7 +96,11 @@ def facts_of(source: Source) -> Facts:
         path_length_m=length,
         speed_mean_m_s=length / duration_s if duration_s > 0 else math.nan,
         speed_max_m_s=float(np.quantile(steps / seconds, 0.999)) if len(steps) else math.nan,
+        first_position_m=tuple(poses.positions[0].tolist()) if len(poses) else (),
+        last_position_m=tuple(poses.positions[-1].tolist()) if len(poses) else (),
         extent_m=tuple(np.ptp(poses.positions, axis=0).tolist()) if len(poses) else (),
+        frame_ids=frames.parents,
+        child_frame_ids=frames.children,
         position_only=poses.rotations is None or bool(why_positions_only(source.poses)),
         covariances=source.poses.covariances is not None,
         dropped={reason: count for reason, count in counts.dropped.items() if count},
@@ -116,6 +131,7 @@ def _column(one: Facts) -> dict[str, str]:
     return {
         '': one.source,
         'kind': f'{one.kind}, {orientation}' + ', covariances' * one.covariances,
+        'frames': _frames(one),
         'poses': f'{one.poses:,}',
         'first stamp': _stamp(one.first_stamp_ns),
         'last stamp': _stamp(one.last_stamp_ns),
@@ -124,10 +140,22 @@ def _column(one: Facts) -> dict[str, str]:
         'gaps': f'{one.gaps}, up to {number(one.longest_gap_s)} s' if one.gaps else '0',
         'path [m]': number(one.path_length_m),
         'speed, mean and max [m/s]': f'{number(one.speed_mean_m_s)}, {number(one.speed_max_m_s)}',
-        'extent x y z [m]': ' '.join(map(number, one.extent_m)) or '-',
+        'first position [m]': _vector(one.first_position_m),
+        'last position [m]': _vector(one.last_position_m),
+        'extent x y z [m]': _vector(one.extent_m),
         'dropped': ', '.join(f'{n} {why.replace("_", " ")}' for why, n in one.dropped.items())
         or '0',
     }
+
+
+def _frames(one: Facts) -> str:
+    """Return in which frames the poses are, and of what."""
+    parents, children = ', '.join(one.frame_ids), ', '.join(one.child_frame_ids)
+    return f'{parents or "?"} -> {children}' if children else parents or '-'
+
+
+def _vector(values: Sequence[float]) -> str:
+    return ' '.join(map(number, values)) or '-'
 
 
 def _stamp(stamp_ns: int | None) -> str:

@@ -63,6 +63,13 @@ class Wanted(NamedTuple):
         return cls(topic, element, frames if colon else None, stated.removeprefix('stamps='))
 
 
+class Frames(NamedTuple):
+    """Names of the frames that poses are in, and of those whose poses they are, as found."""
+
+    parents: tuple[str, ...] = ()
+    children: tuple[str, ...] = ()
+
+
 class Recording(Container):
     """A recording of which poses are read; ``warnings`` grow by what :meth:`read` leaves out."""
 
@@ -219,6 +226,24 @@ class Recording(Container):
         motion = tree.main_motion()
         example = f'; write {topic.name}:{motion}, for example' if motion else ''
         return f'; {topic.name} has {", ".join(sent[:LISTED_TRANSFORMS])}{more}{example}'
+
+    def frames(self, spec: str) -> Frames:
+        """Return the frames that the first messages of a topic name; those of a spec of TF."""
+        wanted = Wanted.parse(spec)
+        if wanted.frames is not None:
+            parent, dot, child = wanted.frames.partition('.')
+            return Frames((parent,), (child,)) if dot and '.' not in child else Frames()
+        decoder = self.decoder(self._topic(wanted))
+        found: tuple[dict[str, None], dict[str, None]] = {}, {}
+        for _, _, raw in islice(self.as_written({wanted.topic}), FIRST_MESSAGES):
+            with decoder.reading():
+                content = decoder.deserialize(raw)
+            parent = getattr(getattr(content, 'header', content), 'frame_id', '')
+            child = getattr(content, 'child_frame_id', '')
+            for names, name in zip(found, (parent, child), strict=True):
+                if isinstance(name, str) and name:
+                    names[name] = None
+        return Frames(*map(tuple, found))
 
     def choices(self) -> list[str]:
         """Return the specs of what can be evaluated, each with type and number of messages."""

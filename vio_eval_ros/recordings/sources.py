@@ -24,7 +24,7 @@ from vio_eval_ros.recordings.text import read_text
 if TYPE_CHECKING:
     import pandas as pd
 
-    from vio_eval_ros.recordings.recording import Recording
+    from vio_eval_ros.recordings.recording import Frames, Recording
     from vio_eval_ros.recordings.topic_poses import TopicPoses
     from vio_eval_ros.recordings.ulog import Ulog
 
@@ -198,6 +198,17 @@ def pose_topics(recording: Path) -> list[str]:
         if not usual:
             raise ReadError(recording, f'no topic has a pose; {opened.choice()}')
         return [f'{recording}:{name}' for name in usual]
+
+
+def frames_of(source: Source) -> Frames:
+    """Return the frames that a source names; none of what is no recording of ROS or Foxglove."""
+    from vio_eval_ros.recordings.recording import Frames, Recording
+
+    spec = Spec.parse(source.spec)
+    if spec.path is None or spec.topic is None:
+        return Frames()
+    with _opened(spec.path) as opened:
+        return opened.frames(spec.topic) if isinstance(opened, Recording) else Frames()
 
 
 def _located(text: str, recording: Path | None) -> Spec:
