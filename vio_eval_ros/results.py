@@ -10,6 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 import json
 import math
+from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 from vio_eval_ros.comparison.comparison import Comparison as FoundComparison
@@ -99,16 +100,20 @@ class Result(RunResult):
             title = f'position error 0 (blue) to {drawn.hottest:.3g} m (red); grey: ground truth'
         return Interactive(figure).update_layout(title=title, margin_t=50)
 
-    def figure(self, name: str = 'top', columns: int = 1) -> Figure:
+    def figure(
+        self, name: str = 'top', columns: int = 1, *, map: str | Path | None = None
+    ) -> Figure:
         """
         Return a figure for print, of matplotlib; ``.savefig('top.pdf')`` writes it.
 
         :param name: one of those that ``vio_eval plot --help`` lists.
         :param columns: of the page that it spans, 1 or 2.
+        :param map: the YAML file of a map of map_server in the frame of the ground truth, drawn
+            beneath ``top`` and ``projections``.
         :raises ConfigError: matplotlib is not installed, or there is no such figure or nothing to
-            draw.
+            draw; the map cannot be read, or lies elsewhere.
         """
-        return _figure(name, {'estimate': self}, ['estimate'], columns)
+        return _figure(name, {'estimate': self}, ['estimate'], columns, map)
 
     def to_json(self) -> str:
         """Return the result in schema ``vio_eval_ros.result/1``."""
@@ -159,9 +164,11 @@ class Comparison(FoundComparison):
         }
         return indexed(columns, list(self.runs), 'system')
 
-    def figure(self, name: str = 'top', columns: int = 1) -> Figure:
+    def figure(
+        self, name: str = 'top', columns: int = 1, *, map: str | Path | None = None
+    ) -> Figure:
         """Return a figure of all systems with a result, as :meth:`Result.figure` does of one."""
-        return _figure(name, self.results, list(self.runs), columns)
+        return _figure(name, self.results, list(self.runs), columns, map)
 
     def to_json(self) -> str:
         """Return the comparison in schema ``vio_eval_ros.comparison/1``."""
@@ -186,16 +193,24 @@ class Comparison(FoundComparison):
 
 
 def _figure(
-    name: str, results: Mapping[str, RunResult], order: Sequence[str], columns: int
+    name: str,
+    results: Mapping[str, RunResult],
+    order: Sequence[str],
+    columns: int,
+    map: str | Path | None,
 ) -> Figure:
     """Return a figure in the theme of the package."""
-    from vio_eval_ros.figures.catalogue import draw
+    from vio_eval_ros.figures.catalogue import draw, MAPPED
+    from vio_eval_ros.figures.maps import load_map
     from vio_eval_ros.figures.style import theme
 
     if columns not in (1, 2):
         raise ConfigError(f'columns: must be 1 or 2, not {columns}')
+    if map is not None and name not in MAPPED:
+        raise ConfigError(f"map: is drawn beneath {' and '.join(MAPPED)}, not beneath '{name}'")
+    beneath = None if map is None else load_map(Path(map))
     with theme():
-        figure = draw(name, results, columns, order)
+        figure = draw(name, results, columns, order, beneath)
         figure.canvas.draw()  # what is laid out only when drawn takes the theme of now
     return figure
 

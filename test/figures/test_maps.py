@@ -8,7 +8,7 @@ from PIL import Image
 import pytest
 
 from verbs import call, complaint
-from vio_eval_ros import evaluate
+from vio_eval_ros import compare, evaluate
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.figures import maps
 from vio_eval_ros.figures.catalogue import draw
@@ -124,3 +124,20 @@ def test_plot_draws_a_map_and_refuses_one_that_nothing_would_show(tmp_path):
     assert (tmp_path / 'a.png').read_bytes() != (tmp_path / 'b.png').read_bytes()
     told = complaint('plot', *given, '--figure', 'errors', '--out', tmp_path / 'c.png')
     assert 'add one to --figure' in told
+
+
+def test_figures_of_the_library_have_the_map_of_plot(tmp_path):
+    flight = simulate(duration_s=10.0)
+    under_all = YAML.format(yaw=0).replace('[-1, 2, 0]', '[-150, -150, 0]')
+    file = write(tmp_path, under_all, np.full((600, 600), 0))
+    result = evaluate(flight.estimate, flight.ground_truth)
+    both = compare({'A': flight.estimate, 'B': flight.estimate}, flight.ground_truth)
+    for found in (result, both):
+        for given in (file, str(file)):
+            (image,) = found.figure('top', map=given).axes[0].images
+            assert (image.get_array() == load_map(file).greys).all()
+        assert not found.figure('top').axes[0].images
+        with pytest.raises(ConfigError, match="beneath top and projections, not beneath 'errors'"):
+            found.figure('errors', map=file)
+        with pytest.raises(ConfigError, match='No such file'):
+            found.figure('top', map=tmp_path / 'none.yaml')
