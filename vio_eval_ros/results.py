@@ -174,9 +174,9 @@ class Comparison(FoundComparison):
         """Return the comparison in schema ``vio_eval_ros.comparison/1``."""
         return COMPARISON_REPORTS['json'](self)
 
-    def to_latex(self) -> str:
-        """Return the table for LaTeX (booktabs)."""
-        return COMPARISON_REPORTS['latex'](self)
+    def to_latex(self, siunitx: bool = False) -> str:
+        """Return the table for LaTeX (booktabs), with the columns of siunitx where so wanted."""
+        return COMPARISON_REPORTS['siunitx' if siunitx else 'latex'](self)
 
     def __str__(self) -> str:
         """Return the table, as the command line prints it."""

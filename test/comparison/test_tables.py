@@ -11,12 +11,12 @@ from types import SimpleNamespace
 from markdown_it import MarkdownIt
 import pytest
 
+from vio_eval_ros.comparison.latex_tables import latex_tables
 from vio_eval_ros.comparison.matrix import Cell, CellRun, Matrix
 from vio_eval_ros.comparison.tables import (
     csv_table,
     html_tables,
     label,
-    latex_tables,
     markdown_tables,
     text_tables,
 )
@@ -162,14 +162,40 @@ def test_latex_escapes_names_and_lines_up_at_the_point(papers):
     assert text.count('\\toprule') == text.count('\\bottomrule') == 1
 
 
+def test_siunitx_has_the_room_of_each_column_and_braces_what_is_no_plain_number(papers):
+    text = latex_tables(papers, siunitx=True)
+    assert '\\usepackage{siunitx}' in text
+    columns = 'lS[table-format=1.3]S[table-format=1.3]S[table-format=3.3]'
+    assert f'\\begin{{tabular}}{{{columns}}}' in text
+    assert '& \\bfseries 0.16 & {\\underline{\\num{0.300}}} & 12.500 ' in text
+    assert '& {\\num{0.050}\\rlap{$^\\dagger$}} & {missing} ' in text
+    assert text.count('{failed}') == 2
+    assert '{3.0e-12}' in latex_tables(matrix(V1={'copy': cell(3e-12), 'b': cell(0.2)}), True)
+    assert 'siunitx' not in latex_tables(papers)
+
+
+def test_means_over_other_sequences_have_a_head_of_their_own():
+    known, without = cell(0.1), CellRun('r', None, LOST)
+    both = {name: known for name in 'abc'}
+    assert latex_tables(matrix(V1=both, V2=both)).count('system &') == 1
+    uneven = Matrix(('V1', 'V2'), ('a', 'b', 'c'), (ATE, 'nees_position_mean'),
+                    matrix(V1=both, V2={**both, 'c': Cell((without,))}).cells)  # fmt: skip
+    text = latex_tables(uneven)
+    assert {line.count('&') for line in text.splitlines() if line.startswith('a &')} == {2, 4}
+
+
 @pytest.mark.slow
-def test_the_table_compiles(papers, tmp_path):
+@pytest.mark.parametrize('package', ['booktabs', 'siunitx'])
+def test_the_table_compiles(papers, tmp_path, package):
     if shutil.which('pdflatex') is None:
         pytest.skip('there is no pdflatex')
-    (tmp_path / 'table.tex').write_text(latex_tables(papers))
+    found = subprocess.run(['kpsewhich', f'{package}.sty'], capture_output=True, check=False)
+    if not found.stdout:
+        pytest.skip(f'there is no {package}: apt install texlive-science')
+    (tmp_path / 'table.tex').write_text(latex_tables(papers, siunitx=package == 'siunitx'))
     (tmp_path / 'paper.tex').write_text(
-        '\\documentclass{article}\\usepackage{booktabs}\\begin{document}\\begin{table}\\centering'
-        '\\input{table.tex}\\end{table}\\end{document}'
+        f'\\documentclass{{article}}\\usepackage{{booktabs,{package}}}\\begin{{document}}'
+        '\\begin{table}\\centering\\input{table.tex}\\end{table}\\end{document}'
     )
     done = subprocess.run(
         ['pdflatex', '-interaction=nonstopmode', '-halt-on-error', 'paper.tex'],
@@ -177,6 +203,7 @@ def test_the_table_compiles(papers, tmp_path):
     )  # fmt: skip
     assert done.returncode == 0, done.stdout
     assert 'Overfull' not in done.stdout
+    assert 'Warning: Package siunitx' not in done.stdout
 
 
 @pytest.mark.parametrize(

@@ -383,7 +383,8 @@ def test_latex_has_a_row_for_each_sequence_and_no_command_from_a_name(result, ho
     (row,) = [line for line in SUITE_REPORTS['latex'](hostile).splitlines() if 'script' in line]
     commands = re.findall(r'\\[a-z]+|\\.', row.removesuffix(r'\\'))
     assert set(commands) == {
-        r'\ensuremath', r'\textbackslash', r'\textasciitilde', r'\^',
+        r'\textless', r'\textgreater', r'\textbar', r'\textbackslash',
+        r'\textasciitilde', r'\textasciicircum',
         r'\&', r'\_', r'\{', r'\}', r'\%', r'\$', r'\#',
     }  # fmt: skip
     assert not re.search(r'(?<!\\)[$%#_^~]', row)

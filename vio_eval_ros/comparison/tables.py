@@ -1,4 +1,4 @@
-"""A matrix as tables that people read: text, Markdown, LaTeX, HTML; and as CSV for scripts."""
+"""A matrix as tables that people read: text, Markdown, HTML; and as CSV for scripts."""
 
 from __future__ import annotations
 
@@ -27,13 +27,6 @@ FAILED, PARTLY = '†', '‡'
 UNSCORED, MISSING = 'failed', 'missing'
 #: what a spreadsheet takes for the beginning of a formula
 FORMULAS = ('=', '+', '-', '@')
-LATEX_SPECIAL = {
-    '\\': r'\textbackslash{}', '~': r'\textasciitilde{}', '^': r'\textasciicircum{}',
-    '<': r'\textless{}', '>': r'\textgreater{}', '|': r'\textbar{}', '†': r'$\dagger$',
-    '‡': r'$\ddagger$', **{sign: f'\\{sign}' for sign in '&%$#_{}'},
-}  # fmt: skip
-LATEX_COMPARISONS = {r'\textgreater{}=': r'$\geq$', r'\textless{}=': r'$\leq$'}
-LATEX_MARKS = {'': '', FAILED: r'\rlap{$^\dagger$}', PARTLY: r'\rlap{$^\ddagger$}'}
 
 
 class Shown(NamedTuple):
@@ -225,8 +218,8 @@ def text_tables(matrix: Matrix, styled: bool = False) -> str:
     for one in tables_of(matrix):
         lines += [*([printable(one.title)] if one.title else []), *_text_table(one, styled), '']
     if len(matrix.systems) > 1:
-        legend = BEST.format('best'), SECOND.format('second')
-        lines.append(', '.join(legend) if styled else '* best, + second')
+        places = BEST.format('best'), SECOND.format('second')
+        lines.append(', '.join(places) if styled else '* best, + second')
     return ''.join(f'{line}\n' for line in (*lines, *map(printable, footnotes(matrix))))
 
 
@@ -276,7 +269,7 @@ def markdown_tables(matrix: Matrix) -> str:
             values = (_styled(value, '**{}**', '<ins>{}</ins>') for value in row.values)
             lines.append('| ' + ' | '.join([escaped(row.name), *values]) + ' |')
         lines.append('')
-    notes = [*_legend(matrix), *map(escaped, footnotes(matrix))]
+    notes = [*legend(matrix), *map(escaped, footnotes(matrix))]
     return '\n'.join([*lines, *(f'- {note}' for note in notes)]) + '\n'
 
 
@@ -284,62 +277,9 @@ def _styled(value: Shown, best: str, second: str) -> str:
     return ('{}', best, second)[value.place].format(value.text) + value.mark
 
 
-def _legend(matrix: Matrix) -> list[str]:
+def legend(matrix: Matrix) -> list[str]:
+    """Return what says how the best are marked; nothing of one system."""
     return ['Best in bold, second underlined.'] if len(matrix.systems) > 1 else []
-
-
-def latex_tables(matrix: Matrix) -> str:
-    """
-    Return one tabular (booktabs), a block for each metric, and the footnotes below it.
-
-    Numbers are right-aligned with their points below each other; nothing but booktabs is needed.
-    """
-    tables = tables_of(matrix)
-    heads = [latex(head) for head in tables[0].heads]
-    centred = (f'\\multicolumn{{1}}{{c}}{{{head}}}' for head in heads[1:])
-    lines = [
-        '% needs \\usepackage{booktabs}',
-        # most columns of papers are narrow
-        f'{{\\setlength{{\\tabcolsep}}{{4pt}}\\begin{{tabular}}{{l{"r" * (len(heads) - 1)}}}',
-        '\\toprule',
-        _latex_row([heads[0], *centred]),
-    ]
-    for one in tables:
-        lines.append('\\midrule')
-        if one.title:
-            title = f'\\multicolumn{{{len(heads)}}}{{l}}{{\\emph{{{latex(one.title)}}}}}'
-            lines.append(_latex_row([title]))
-        lines += [_latex_row([latex(row.name), *map(_in_latex, row.values)]) for row in one.rows]
-        lines += [f'\\cmidrule(lr){{1-{len(heads)}}}'] if one.summary else []
-        lines += [
-            _latex_row([latex(row.name), *map(_in_latex, row.values)]) for row in one.summary
-        ]
-    lines += ['\\bottomrule', '\\end{tabular}}']
-    if notes := [*_legend(matrix), *map(latex, footnotes(matrix))]:
-        lines += ['\\par\\smallskip', '{\\footnotesize\\raggedright']
-        lines += [*(note if note.endswith('.') else f'{note}.' for note in notes), '\\par}']
-    return '\n'.join(lines) + '\n'
-
-
-def latex(text: str) -> str:
-    """Return text with nothing in it that LaTeX would interpret."""
-    escaped_text = ''.join(LATEX_SPECIAL.get(sign, sign) for sign in printable(text))
-    for written, sign in LATEX_COMPARISONS.items():
-        escaped_text = escaped_text.replace(written, sign)
-    return escaped_text
-
-
-def _latex_row(cells: Sequence[str]) -> str:
-    # after the end of a row, LaTeX would take these for its argument
-    guard = '{}' if cells[0].startswith(('[', '*')) else ''
-    return f'{guard}{" & ".join(cells)} \\\\'
-
-
-def _in_latex(value: Shown) -> str:
-    missing = f'\\phantom{{{value.missing}}}' if value.missing else ''
-    text = '--' if value.text == '-' else value.text
-    styled = ('{}', '\\textbf{{{}}}', '\\underline{{{}}}')[value.place].format(text)
-    return f'{styled}{LATEX_MARKS[value.mark]}{missing}'
 
 
 def html_tables(matrix: Matrix) -> Html:
@@ -356,7 +296,7 @@ def html_tables(matrix: Matrix) -> Html:
         parts += [tag('h3', one.title)] if one.title else []
         heads = [html(one.heads[0]), *(_head(matrix, name, not down) for name in one.heads[1:])]
         parts.append(table(heads, rows, numbers=range(1, len(one.heads))))
-    notes = [*_legend(matrix), *footnotes(matrix)]
+    notes = [*legend(matrix), *footnotes(matrix)]
     return joined([*parts, tag('ul', *(tag('li', note) for note in notes), class_='soft')])
 
 

@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 import json
 
 from vio_eval_ros.comparison.comparison import Comparison
+from vio_eval_ros.comparison.latex_tables import latex_tables
 from vio_eval_ros.comparison.matrix import CellRun
 from vio_eval_ros.comparison.sentences import html_verdicts, markdown_verdicts, text_verdicts
 from vio_eval_ros.comparison.tables import (
     csv_table,
     html_tables,
-    latex_tables,
     markdown_tables,
     text_tables,
 )
@@ -161,4 +161,5 @@ COMPARISON_REPORTS: dict[str, Callable[[Comparison], str]] = {
     'html': comparison_html,
     'csv': lambda found: csv_table(found.matrix),
     'latex': lambda found: latex_tables(found.matrix),
+    'siunitx': lambda found: latex_tables(found.matrix, siunitx=True),
 }

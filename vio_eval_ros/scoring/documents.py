@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 import math
 
+from vio_eval_ros.comparison.latex_tables import latex_tables, tabular
 from vio_eval_ros.comparison.sentences import markdown_verdicts, text_verdicts
 from vio_eval_ros.comparison.tables import (
     csv_table,
-    latex_tables,
     markdown_tables,
+    Row,
+    Shown,
     spreadsheet_text,
+    Table,
     text_tables,
 )
 from vio_eval_ros.core.gates import Verdict
@@ -117,27 +121,29 @@ def suite_csv(result: SuiteResult) -> str:
     return text.getvalue()
 
 
-def suite_latex(result: SuiteResult) -> str:
-    """Return a LaTeX table (booktabs) of the sequences and systems, in the order of the suite."""
-    if result.has_systems:
-        return latex_tables(result.matrix())
-    from tabulate import tabulate
+def suite_latex(result: SuiteResult, siunitx: bool = False) -> str:
+    """
+    Return a LaTeX table (booktabs) of the sequences and systems, in the order of the suite.
 
+    :param siunitx: whether its columns are those of siunitx.
+    """
+    if result.has_systems:
+        return latex_tables(result.matrix(), siunitx)
     rows = [
-        [
-            printable(one.sequence.title),
-            str(len(one.runs)),
-            *(
-                number(one.metrics[name].median) if name in one.metrics else '-'
-                for name in LATEX.values()
-            ),
-        ]
+        Row(
+            one.sequence.title,
+            [
+                Shown(str(len(one.runs))),
+                *(
+                    Shown(number(one.metrics[name].median) if name in one.metrics else '-')
+                    for name in LATEX.values()
+                ),
+            ],
+        )
         for one in result.sequences
     ]
-    heads = ['sequence', 'runs', *LATEX]
-    lines = tabulate(rows, heads, 'latex_booktabs', disable_numparse=True).splitlines()
-    # after the end of a row, LaTeX would take these for its argument
-    return ''.join('{}' * line.lstrip().startswith(('[', '*')) + line + '\n' for line in lines)
+    table = Table('', ['sequence', 'runs', *LATEX], rows, [])
+    return '\n'.join(tabular([table], siunitx)) + '\n'
 
 
 def suite_junit(result: SuiteResult) -> str:
@@ -178,4 +184,5 @@ SUITE_REPORTS: dict[str, Callable[[SuiteResult], str]] = {
     'html': suite_html,
     'csv': suite_csv,
     'latex': suite_latex,
+    'siunitx': partial(suite_latex, siunitx=True),
 }
