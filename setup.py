@@ -28,6 +28,8 @@ PANDAS = ['pandas']
 PLOT = ['matplotlib>=3.7']
 PROTOBUF = ['protobuf>=6.31']
 PX4 = ['pyulog']
+# the cost of a running stack
+PROCESSES = ['psutil']
 # release 6 is another library under the same name
 TERMINAL = ['plotext>=5.3,<6']
 REPORT = ['plotly']
@@ -108,6 +110,7 @@ setup(
         'imu': IMU,
         'pandas': PANDAS,
         'plot': PLOT,
+        'processes': PROCESSES,
         'protobuf': PROTOBUF,
         'px4': PX4,
         'report': REPORT,
@@ -121,6 +124,7 @@ setup(
             *IMU,
             *PANDAS,
             *PLOT,
+            *PROCESSES,
             *PROTOBUF,
             *PX4,
             *REPORT,
@@ -154,6 +158,7 @@ setup(
             'sphinx-copybutton',
             'types-PyYAML',
             'types-protobuf',
+            'types-psutil',
             'types-tabulate',
             'types-tqdm',
             'wheel',

@@ -24,7 +24,9 @@ from vio_eval_ros.diagnosis.limits import DiagnosisLimits
 from vio_eval_ros.imu.limits import ImuNoiseLimits
 from vio_eval_ros.inspection import expectations
 from vio_eval_ros.inspection.limits import InspectionLimits
+from vio_eval_ros.live import timeliness
 from vio_eval_ros.live.options import NodeConfig
+from vio_eval_ros.live.processes import Usage
 from vio_eval_ros.scoring import criteria, loading, suite
 
 Schema = dict[str, Any]
@@ -39,6 +41,7 @@ DRAFT = 'https://json-schema.org/draft/2020-12/schema'
 NUMBER = {'type': 'number'}
 NOT_NEGATIVE = {'type': 'number', 'minimum': 0}
 TEXT = {'type': 'string'}
+ANY_PROCESS = 'PROCESS'
 NAME = {'type': 'string', 'minLength': 1}
 BRACES = '{sequence} and {system} stand for names'
 TEXTS = {'anyOf': [TEXT, {'type': 'array', 'items': TEXT}]}
@@ -94,10 +97,24 @@ def options(kind: type[Options]) -> Schema:
     return tool | {item.name: option(item, getattr(defaults, item.name)) for item in fields(kind)}  # type: ignore[arg-type]
 
 
-def of_metrics(value: Schema, more: Iterable[str] = (), **others: Any) -> Schema:
-    """Return the schema of a mapping from metrics; those of other deltas match a pattern."""
+def of_metrics(
+    value: Schema, more: Iterable[str] = (), live: bool = False, **others: Any
+) -> Schema:
+    """
+    Return the schema of a mapping from metrics; those of other deltas match a pattern.
+
+    :param live: whether those that only a live run has are allowed.
+    """
+    more = (*more, *(timeliness.NAMES if live else ()))
     names = metric_names(EvaluationConfig(segment_lengths_m=(100,)))
-    patterns = {
+    patterns = (
+        {
+            *(process.replace(ANY_PROCESS, r'\w+') for process in Usage(ANY_PROCESS).names),
+        }
+        if live
+        else set()
+    )
+    patterns |= {
         re.sub(r'^(rpe|segment)_\d+[a-z]_', r'\1_[0-9.]+[fsmd]_', name)
         for name in names
         if name.startswith(('rpe_', 'segment_'))
@@ -163,7 +180,7 @@ def options_file() -> Schema:
 def gates_file() -> Schema:
     return {
         'description': 'Gates of one run: `replay --gates FILE`, and `gates_file` of the node.',
-        **of_metrics({'$ref': '#/$defs/gate'}, minProperties=1),
+        **of_metrics({'$ref': '#/$defs/gate'}, live=True, minProperties=1),
         '$defs': {'gate': gate(('max', 'min', 'warn'))},
     }
 

@@ -5,10 +5,16 @@ import pytest
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.evaluation import metric_names
 from vio_eval_ros.core.glossary import GLOSSARY, in_words, listed, term_of
+from vio_eval_ros.live import timeliness
+from vio_eval_ros.live.processes import Usage
 
-NAMES = metric_names(
-    EvaluationConfig(segment_lengths_m=(100, 0.5), rpe_deltas=('1f', '0.5s', '10m', '15d'))
-)
+NAMES = [
+    *metric_names(
+        EvaluationConfig(segment_lengths_m=(100, 0.5), rpe_deltas=('1f', '0.5s', '10m', '15d'))
+    ),
+    *timeliness.NAMES,
+    *Usage('vins_node').names,
+]
 
 
 @pytest.mark.parametrize('name', NAMES)

@@ -70,9 +70,24 @@ def with_values(**values: float) -> RunState:
 
 def test_a_healthy_evaluation_is_ok_in_every_respect():
     found = health.statuses(HEALTHY)
-    assert [status.name for status in found] == ['accuracy', 'association', 'streams', 'diagnosis']
+    names = ['accuracy', 'association', 'streams', 'timing', 'diagnosis']
+    assert [status.name for status in found] == names
     assert {status.level for status in found} == {Level.OK}
     assert [status.message for status in found[:3]] == ['running'] * 3
+
+
+def test_timing_tells_latency_rate_and_broken_gates():
+    assert (
+        told(health.timing(RUN, ()))[1] == 'latency unknown: no stamps by the clock of this node'
+    )
+    values = {'latency_median_s': 0.0321, 'latency_p99_s': 0.08, 'real_time_factor': 0.99}
+    run = replace(RUN, timing=values)
+    message = 'latency 32.1 ms (median), 80 ms (99 %); 0.99 times real time'
+    assert told(health.timing(run, ())) == ('OK', message)
+    gates = Gate.of('latency_p99_s', {'max': 0.1, 'warn': 0.05})
+    assert told(health.timing(run, gates)) == ('WARN', 'gate latency_p99_s<=0.05 is broken: 0.08')
+    unknown = replace(RUN, timing=dict.fromkeys(values, math.nan))
+    assert told(health.timing(unknown, gates))[0] == 'OK'
 
 
 def test_levels_are_numbered_as_in_diagnostic_msgs():

@@ -36,7 +36,8 @@ def test_every_topic_can_be_listened_to(graph, another, flown, evaluator, flight
     accuracy = graph.statuses['accuracy'].values
     assert running[-1].data == float(accuracy['ate_trans_rmse_m'])
     assert 0 < window[-1].data < largest[-1].data
-    assert set(graph.statuses) == {'accuracy', 'association', 'streams', 'diagnosis', 'metrics'}
+    names = {'accuracy', 'association', 'streams', 'diagnosis', 'metrics', 'timing'}
+    assert set(graph.statuses) == names
     # what is latched reaches those who come late
     graph.wait_for('streams', 'OK', 'ended: ')
     results = another.listen('/vio_evaluator/result', 'std_msgs/msg/String', latched=True)

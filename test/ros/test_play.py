@@ -115,7 +115,7 @@ class Listener(list[Arrival]):
         while not self._stop.is_set() or time.monotonic() - heard_s < SILENCE_S:
             for subscription in self._subscriptions:
                 kind = subscription.msg_type
-                for cdr in take_serialized(subscription, kind, MANY)[0]:
+                for cdr in take_serialized(subscription, kind, MANY).messages:
                     arrival = Arrival(subscription.topic_name, time.monotonic(), cdr)
                     self.append(arrival)
                     if arrival.topic != '/clock':  # which goes on as long as `play` does

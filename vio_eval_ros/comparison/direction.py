@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 #: units of metrics, by the ends of their names; the longer before the shorter
-UNITS = {'_deg_per_m': 'deg/m', '_percent': '%', '_deg': 'deg', '_m': 'm', '_s': 's'}
+UNITS = {'_deg_per_m': 'deg/m', '_percent': '%', '_deg': 'deg', '_mb': 'MB', '_m': 'm', '_s': 's'}
 HIGHER_IS_BETTER = ('coverage_ratio', 'tracked_ratio', 'matched_ratio', 'success_rate')
 LOWER_IS_BETTER = (
     '_m',
@@ -13,6 +13,9 @@ LOWER_IS_BETTER = (
     'ate_extent_ratio',
     'loop_closure_gain',
     'initialisation_s',
+    'latency_median_s',
+    'latency_p99_s',
+    '_mb',
 )
 #: in spite of their unit, neither more nor less of these is worse
 NEITHER = ('path_length_m',)

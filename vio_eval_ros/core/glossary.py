@@ -15,6 +15,7 @@ PLACEHOLDERS = {
     'ALIGNMENT': '|'.join(ALIGNMENTS),
     'DELTA': r'[0-9.]+[fsmd]',
     'LENGTH': r'[0-9.]+',
+    'PROCESS': r'\w+',
 }
 
 
@@ -190,6 +191,54 @@ GLOSSARY = (
         'loop-closure gain',
         'ATE as last revised over ATE as first published',
         '0.5 to 0.9 is usual; above 1.05 revisions did harm',
+    ),
+    Term(
+        'latency_median_s',
+        'latency, median [s]',
+        'from the stamp of a pose to its arrival at the evaluator',
+        'live only; null where stamps and node have different clocks',
+    ),
+    Term(
+        'latency_p99_s',
+        'latency, 99th percentile [s]',
+        'likewise',
+        'live only; null where stamps and node have different clocks',
+    ),
+    Term(
+        'held_trans_rmse_m',
+        'error of the last pose that had arrived [m]',
+        '|s R e + t - g| at each true pose, of the newest e that had arrived by then',
+        'live only; what a controller would have gone by',
+    ),
+    Term(
+        'propagated_trans_rmse_m',
+        'the same, propagated by its twist [m]',
+        'likewise, of e moved at the twist of its message since its stamp',
+        'live only; null where the messages have no twist',
+    ),
+    Term(
+        'real_time_factor',
+        'real-time factor',
+        'seconds of stamps over seconds of the clock on the wall',
+        'live only; below the rate of the recording, the stack does not keep up',
+    ),
+    Term(
+        'cpu_PROCESS_mean_percent',
+        'CPU of a process, mean [%]',
+        'of one core; with the processes it started',
+        'live only, with the option processes',
+    ),
+    Term(
+        'cpu_PROCESS_p95_percent',
+        'CPU of a process, 95th percentile [%]',
+        'likewise, of samples over a second each',
+        'live only, with the option processes',
+    ),
+    Term(
+        'memory_PROCESS_max_mb',
+        'memory of a process, most [MB]',
+        'resident, with the processes it started',
+        'live only, with the option processes; for gpu, what is used on it',
     ),
 )
 

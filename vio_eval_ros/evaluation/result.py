@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -107,6 +107,7 @@ class Result:
     :param truth: positions of the ground truth, evenly over the run, to draw it also where there
         are no pairs.
     :param assumed: what was taken for granted when the inputs were read; the first warnings.
+    :param live: latency, rate and cost, which only a live run has; NaN where unknown.
     """
 
     estimate: Input
@@ -117,6 +118,7 @@ class Result:
     series: Sequence[tuple[int, Mapping[str, float]]] = ()
     truth: Trajectory | None = None
     assumed: tuple[str, ...] = ()
+    live: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def passed(self) -> bool | None:
@@ -152,4 +154,6 @@ class Result:
             'success_gates': [verdict.to_dict() for verdict in success],
             'verdict': {True: 'pass', False: 'fail', None: None}[self.passed],
         }
+        if self.live:
+            result['live'] = dict(self.live)
         return {name: without_nan(value) for name, value in result.items()}

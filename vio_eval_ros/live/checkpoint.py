@@ -23,7 +23,7 @@ from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import WriteError
 from vio_eval_ros.rendering.files import make_writable, write
 
-SCHEMA = 'vio_eval_ros.checkpoint/1'
+SCHEMA = 'checkpoint/1'
 FOLDER, SET_ASIDE = 'checkpoint', 'checkpoint_set_aside'
 #: an older one is of another session: what comes now is not the rest of its run
 MOST_AGE_S = 600.0

@@ -16,6 +16,7 @@ from vio_eval_ros.core.gates import Gate, judge, SEVERITIES
 from vio_eval_ros.diagnosis.causes import CAUSES
 from vio_eval_ros.diagnosis.report import Cause, Diagnosis
 from vio_eval_ros.live.snapshot import RunState, Snapshot, TopicState
+from vio_eval_ros.live.timeliness import MEDIAN, P99, REAL_TIME_FACTOR
 from vio_eval_ros.recordings.messages import STREAMED
 from vio_eval_ros.rendering.text import number
 
@@ -46,7 +47,7 @@ class Status:
     """
     The health of one aspect of an evaluation.
 
-    :param name: accuracy, association, streams or diagnosis.
+    :param name: accuracy, association, streams, timing or diagnosis.
     :param values: numbers and words by the names that scripts rely on.
     """
 
@@ -57,11 +58,12 @@ class Status:
 
 
 def statuses(snapshot: Snapshot) -> list[Status]:
-    """Return the statuses accuracy, association, streams and diagnosis."""
+    """Return the statuses accuracy, association, streams, timing and diagnosis."""
     return [
         accuracy(snapshot.run, snapshot.gates, snapshot.problems),
         association(snapshot),
         streams(snapshot),
+        timing(snapshot.run, snapshot.gates),
         diagnosis(snapshot.run),
     ]
 
@@ -81,21 +83,29 @@ def _accuracy(run: RunState, gates: Sequence[Gate]) -> tuple[Level, str]:
         return Level.WARN, 'no pairs yet'
     if has_diverged(run):
         return Level.ERROR, 'the estimate has diverged'
-    known = [gate for gate in gates if gate.metric in run.values]
-    # those that fail before those that warn
-    broken = sorted(
-        (verdict for verdict in judge(known, run.values) if not verdict.passed),
-        key=lambda verdict: SEVERITIES.index(verdict.word),
-    )
+    level, broken = _broken(gates, run.values)
     if broken:
-        gate, value, _ = broken[0]
-        level = Level.ERROR if gate.severity == 'fail' else Level.WARN
-        return level, f'gate {gate} is broken: {number(value)}'
+        return level, broken
     undetermined = run.alignment.undetermined if run.alignment is not None else ''
     if undetermined or math.isnan(run.values['ate_trans_rmse_m']):
         prefix = f'{undetermined}: ' if undetermined else ''
         return Level.WARN, f'{prefix}the alignment is not determined yet'
     return Level.OK, 'running'
+
+
+def _broken(gates: Sequence[Gate], values: Mapping[str, float]) -> tuple[Level, str]:
+    """Return the worst of the gates on these values that is broken; OK where none is."""
+    known = [gate for gate in gates if gate.metric in values]
+    # those that fail before those that warn
+    broken = sorted(
+        (verdict for verdict in judge(known, values) if not verdict.passed),
+        key=lambda verdict: SEVERITIES.index(verdict.word),
+    )
+    if not broken:
+        return Level.OK, ''
+    gate, value, _ = broken[0]
+    level = Level.ERROR if gate.severity == 'fail' else Level.WARN
+    return level, f'gate {gate} is broken: {number(value)}'
 
 
 def has_diverged(run: RunState) -> bool:
@@ -289,6 +299,23 @@ def mixed(topic: str, publishers: Sequence[str]) -> str:
     return (
         f'{len(publishers)} publishers on {topic}: their poses are mixed ({", ".join(publishers)})'
     )
+
+
+def timing(run: RunState, gates: Sequence[Gate]) -> Status:
+    """Return how late the estimate has been in the last seconds, and what it cost."""
+    values = run.timing
+    known = {name: value for name, value in values.items() if not math.isnan(value)}
+    level, broken = _broken(gates, known)
+    latency_s, rate = values.get(MEDIAN, math.nan), values.get(REAL_TIME_FACTOR, math.nan)
+    if math.isnan(latency_s):
+        message = 'latency unknown: no stamps by the clock of this node'
+    else:
+        message = (
+            f'latency {number(1e3 * latency_s)} ms (median), {number(1e3 * values[P99])} ms (99 %)'
+        )
+    if not math.isnan(rate):
+        message = f'{message}; {number(rate)} times real time'
+    return Status('timing', level, broken or message, values)
 
 
 def diagnosis(run: RunState) -> Status:

@@ -53,6 +53,9 @@ class NodeConfig(Options):
     )
     window_s: float = option(10.0, 'length of the window of ~/window/NAME', minimum=0.1)
     stale_after_s: float = option(2.0, 'a stream silent for longer is stale', minimum=0.0)
+    processes: tuple[str, ...] = option(
+        (), 'names of programs or nodes of the stack, of which CPU and memory are measured'
+    )
     max_pairs: int = option(
         1_000_000,
         'how many pairs are kept; with more, rmse stay exact, other metrics are of a part',

@@ -28,7 +28,9 @@ from vio_eval_ros.diagnosis.limits import DEFAULT, DiagnosisLimits
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.evaluation.result import Input, Result
 from vio_eval_ros.live.monitor import DiagnosisMonitor
+from vio_eval_ros.live.processes import Processes
 from vio_eval_ros.live.snapshot import RunState, SideState
+from vio_eval_ros.live.timeliness import Arrivals, Timeliness
 from vio_eval_ros.recordings.messages import PathRevisions
 from vio_eval_ros.recordings.sources import Source
 from vio_eval_ros.rendering.files import make_writable, write_all
@@ -51,6 +53,7 @@ class RunSetup:
     :param truth: the ground truth, where it comes from a file.
     :param max_pairs: how many pairs are kept, see :class:`Evaluation`.
     :param limits: what the diagnosis calls healthy.
+    :param processes: of the stack, whose cost is measured.
     """
 
     config: EvaluationConfig
@@ -59,6 +62,7 @@ class RunSetup:
     truth: Source | None = None
     max_pairs: int | None = None
     limits: DiagnosisLimits = DEFAULT
+    processes: Processes | None = None
 
 
 class LiveRun:
@@ -78,6 +82,8 @@ class LiveRun:
         self.began_ns = 0
         #: all metrics of the window
         self.window: Mapping[str, float] = {}
+        #: latency and rate in the window
+        self.timing: Mapping[str, float] = {}
         #: whether no pose has arrived
         self.is_empty = True
         #: what the user should know of how the poses came here, for the warnings of the result
@@ -87,6 +93,7 @@ class LiveRun:
         self._setup = setup
         self._series = RunningSeries(setup.config, setup.max_pairs)
         self._rows = SeriesRows()
+        self._timeliness = Timeliness(setup.config, setup.max_pairs)
         self._window_s = 0.0
         self._turns: tuple[str, ...] = ()
         self._seen = 0
@@ -98,6 +105,7 @@ class LiveRun:
         self._given_up = 0
         if setup.truth is not None:
             self._series.add_ground_truth(setup.truth.poses, waits=False)
+            self._timeliness.add_ground_truth(setup.truth.poses)
 
     def add_estimate(self, poses: Poses, revisions: PathRevisions | None = None) -> None:
         """
@@ -115,10 +123,19 @@ class LiveRun:
         """Add a batch of true poses."""
         self.is_empty = False
         self._series.add_ground_truth(poses)
+        self._timeliness.add_ground_truth(poses)
         if self._true_poses is not None:
             self._true_poses.append(poses)
             while self._most_true and sum(map(len, self._true_poses)) > self._most_true:
                 self._given_up += len(self._true_poses.pop(0))
+
+    def note_arrivals(self, arrivals: Arrivals, node_ns: np.ndarray) -> None:
+        """
+        Note when poses of the estimate arrived.
+
+        :param node_ns: (N,) by the clock of the node.
+        """
+        self._timeliness.add_estimate(arrivals, node_ns)
 
     @property
     def evaluation(self) -> Evaluation:
@@ -134,6 +151,7 @@ class LiveRun:
             number=self.number,
             began_as=self.began_as,
             values=self.values,
+            timing=self.timing,
             estimate=_side_state(associator.estimate),
             ground_truth=_side_state(associator.ground_truth),
             alignment=alignment,
@@ -190,8 +208,12 @@ class LiveRun:
         self.monitor.look(self.evaluation.since(0))
         if self.values:
             self._window_s = window_s
-            self.window = self.evaluation.window(window_s)
+            self.timing = self._timeliness.recent(window_s) | self._cost()
+            self.window = self.evaluation.window(window_s) | self.timing
             self._turns = _turns(self._in_window())
+
+    def _cost(self) -> dict[str, float]:
+        return self._setup.processes.metrics() if self._setup.processes else {}
 
     def result(self) -> Result:
         """Return the result as if both streams had ended now; they may go on."""
@@ -246,12 +268,14 @@ class LiveRun:
         truth = Input.of(setup.names[1], 'topic', associator.ground_truth)
         if setup.truth is not None:
             truth = replace(truth, source=setup.truth.spec, kind=setup.truth.kind)
+        arrival = self._timeliness.metrics(summary.alignment) | self._cost()
         return Result(
             estimate=estimate,
             ground_truth=truth,
             config=setup.config,
             summary=summary,
-            verdicts=judge(setup.gates, summary.metrics),
+            verdicts=judge(setup.gates, summary.metrics | arrival),
+            live=arrival,
         )
 
     def _revised(self, revisions: PathRevisions) -> Evaluation:

@@ -77,6 +77,7 @@ class RunState:
 
     :param began_as: why the run before ended; empty for the first.
     :param values: the running values; empty until a second is over.
+    :param timing: latency and rate of the last seconds, and what the processes cost.
     :param alignment: of all pairs; None where there are none.
     :param estimate_moved_m: in the window, in metres of the ground truth.
     :param ground_truth_moved_m: likewise.
@@ -93,6 +94,7 @@ class RunState:
     number: int = 1
     began_as: str = ''
     values: Mapping[str, float] = field(default_factory=dict)
+    timing: Mapping[str, float] = field(default_factory=dict)
     estimate: SideState = SideState()
     ground_truth: SideState = SideState()
     alignment: Alignment | None = None

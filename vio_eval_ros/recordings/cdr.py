@@ -27,9 +27,12 @@ class Layout(NamedTuple):
     pose_doubles: int
 
 
+#: doubles of the pose of an Odometry, and of the twist behind it
+ODOMETRY_POSE, TWIST = 43, 6
+ODOMETRY = 'nav_msgs/msg/Odometry'
 POSE = Layout(strings=1, doubles=7, pose_doubles=7)
 LAYOUTS = {
-    'nav_msgs/msg/Odometry': Layout(strings=2, doubles=85, pose_doubles=43),
+    ODOMETRY: Layout(2, 85, ODOMETRY_POSE),
     'geometry_msgs/msg/PoseStamped': POSE,
     'geometry_msgs/msg/PoseWithCovarianceStamped': Layout(1, 43, 43),
     'geometry_msgs/msg/TransformStamped': Layout(2, 7, 7),
@@ -43,6 +46,19 @@ def decode(
     """Return the stamps and numbers of messages; None if their type is not here, or unusual."""
     layout = LAYOUTS.get(msgtype)
     return columns(layout, messages, ros1) if layout else None
+
+
+def decode_odometry(
+    messages: Sequence[bytes],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
+    """Return the stamps, numbers and (N, 6) twists of Odometry in CDR; None if unusual."""
+    layout = LAYOUTS[ODOMETRY]._replace(pose_doubles=ODOMETRY_POSE + TWIST)
+    found = columns(layout, messages, ros1=False)
+    if found is None:
+        return None
+    stamps, numbers = found
+    pose, twist = np.split(numbers, [ODOMETRY_POSE], axis=1)
+    return stamps, np.ascontiguousarray(pose), np.ascontiguousarray(twist)
 
 
 def columns(

@@ -124,7 +124,7 @@ def rows(result: Result) -> Iterator[Row]:
 def single_figures(result: Result) -> Iterator[tuple[str, str, float]]:
     """Yield words, metric and value of all known figures that are no statistic of an error."""
     statistics = re.compile(f'_(?:{"|".join(STATISTICS)})_(?:m|deg)$')
-    for metric, value in result.summary.metrics.items():
+    for metric, value in (*result.summary.metrics.items(), *result.live.items()):
         of_alignment = metric.startswith(ALIGNED)
         counted = value or not metric.endswith('_segments')
         if counted and not math.isnan(value) and (of_alignment or not statistics.search(metric)):

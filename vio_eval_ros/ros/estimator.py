@@ -11,6 +11,7 @@ from vio_eval_ros.live.health import conclusions, why_no_pairs
 from vio_eval_ros.live.inputs import InputName
 from vio_eval_ros.live.run import LiveRun, RunSetup
 from vio_eval_ros.live.snapshot import Snapshot
+from vio_eval_ros.live.timeliness import ClockRelation
 from vio_eval_ros.rendering.text import number
 from vio_eval_ros.reports.text import headline
 from vio_eval_ros.ros.outputs import Outputs
@@ -40,6 +41,13 @@ class Estimator:
             self.run.add_estimate(estimate, self.stream.revisions)
         if len(truth):
             self.run.add_ground_truth(truth)
+
+    def note_arrivals(self, clock: ClockRelation) -> None:
+        """Note how late poses came, but for those of the next run."""
+        if self.stream.queue.jumps:
+            return
+        for arrivals in self.stream.arrivals():
+            self.run.note_arrivals(arrivals, clock.node_ns(arrivals.received_ns))
 
     def evaluate(self, window_s: float, frame: str) -> str:
         """Evaluate what is certain by now, and publish; return what is newly wrong."""

@@ -19,7 +19,7 @@ from typing import Any
 
 from rcl_interfaces.msg import SetParametersResult
 import rclpy
-from rclpy.clock import Clock, ClockType, JumpThreshold
+from rclpy.clock import Clock, ClockType, JumpThreshold, ROSClock
 from rclpy.duration import Duration
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.exceptions import ParameterException
@@ -42,10 +42,12 @@ from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.live.health import statuses, why_no_pairs
 from vio_eval_ros.live.inputs import estimates_of, GROUND_TRUTH, ground_truth_of, InputName
 from vio_eval_ros.live.options import NodeConfig
+from vio_eval_ros.live.processes import Processes
 from vio_eval_ros.live.queues import LAG_S, why_the_run_ends
 from vio_eval_ros.live.report_folder import ReportFolder
 from vio_eval_ros.live.run import RunSetup
 from vio_eval_ros.live.snapshot import Snapshot
+from vio_eval_ros.live.timeliness import ClockRelation, NAMES, RECENT
 from vio_eval_ros.recordings.agreement.orders import alone
 from vio_eval_ros.recordings.sources import read_sources, Source
 from vio_eval_ros.ros.context import join, watch_graph
@@ -72,6 +74,7 @@ class Evaluator(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__(NAME, **options)
         config, self._settings = declare(self)
+        self._processes = Processes(self._settings.processes)
         setup = self._common_setup(config)
         names = estimates_of(self._settings), ground_truth_of(self._settings)
         streams = [self._stream('estimate', name) for name in names[0]]
@@ -95,6 +98,7 @@ class Evaluator(Node):
             for name, stream in zip(names[0], streams, strict=True)
         ]
         self._number = 1  # of the run
+        self._clocks = ClockRelation()
         self._gates = setup.gates
         self._file_span_ns = _span_ns(setup.truth) if setup.truth else None
         self._time_offset_s = config.time_offset_s
@@ -120,7 +124,7 @@ class Evaluator(Node):
         gates_file, file = self._settings.gates_file, self._settings.ground_truth_file
         with _naming('gates_file'):
             gates = gates_of(Path(gates_file)) if gates_file else []
-            check_names(gates, metric_names(config))
+            check_names(gates, [*metric_names(config), *NAMES, *self._processes.names])
         with _naming('ground_truth_file'):
             truth = alone(read_sources([file])[0]) if file else None
         with _naming('limits_file'):
@@ -135,6 +139,7 @@ class Evaluator(Node):
             truth=truth,
             max_pairs=self._settings.max_pairs,
             limits=limits,
+            processes=self._processes,
         )
 
     def _resumed(self, config: EvaluationConfig) -> Recovery | None:
@@ -164,7 +169,8 @@ class Evaluator(Node):
 
     def _chosen_metrics(self, config: EvaluationConfig) -> list[str]:
         """Return the names of the metrics with topics of their own."""
-        known, names = metric_names(config), self._settings.publish_metrics
+        known = [*metric_names(config), *RECENT, *self._processes.names]
+        names = self._settings.publish_metrics
         if names == NodeConfig().publish_metrics:  # other deltas, other names
             return [name for name in names if name in known]
         for name in names:
@@ -178,10 +184,15 @@ class Evaluator(Node):
         without = PublisherEventCallbacks(use_default_callbacks=False)
         return super().create_publisher(*given, **{'event_callbacks': without, **options})
 
-    def destroy_node(self) -> None:
-        """Leave the graph."""
+    def close(self) -> None:
+        """End what was started besides."""
         for stream in self._streams.values():
             stream.close()
+        self._processes.close()
+
+    def destroy_node(self) -> None:
+        """Leave the graph."""
+        self.close()
         super().destroy_node()
 
     @property
@@ -224,6 +235,9 @@ class Evaluator(Node):
         )
 
     def _drain(self) -> None:
+        clock = self.get_clock()
+        if isinstance(clock, ROSClock) and clock.ros_time_is_active:
+            self._clocks.note(time.time_ns(), clock.now().nanoseconds)
         for stream in self._streams.values():
             stream.drain()
 
@@ -239,6 +253,7 @@ class Evaluator(Node):
             self._take_in()
         except VioEvalError as error:
             self.get_logger().error(str(error))
+        self._processes.sample()
         for estimator in self._estimators:
             if problem := estimator.evaluate(self._settings.window_s, self._frame):
                 self.get_logger().error(problem)
@@ -277,6 +292,8 @@ class Evaluator(Node):
         """Hand the poses that have arrived to their run; go on to the next where one ends."""
         for stream in self._streams.values():
             stream.read()
+        for estimator in self._estimators:
+            estimator.note_arrivals(self._clocks)
         self._hand_over()
         self._end_runs()
         if self._clock_jumped_s + LAG_S < time.monotonic():
@@ -323,6 +340,7 @@ class Evaluator(Node):
             self._reports.next_run()
             if self._recovery:
                 self._recovery.next_run()
+            self._processes.begin_run()
             self._ended_s = time.monotonic()
             self._clock_jumped_s = math.inf
             self._number += 1
@@ -451,6 +469,7 @@ def spin(argv: list[str], signals: list[int]) -> int:
     :param signals: receives the signals. The handlers of rclpy would end the graph before what is
         still under way is evaluated.
     """
+    node: Evaluator | None = None
     try:
         join(argv)
         node = Evaluator()
@@ -462,5 +481,7 @@ def spin(argv: list[str], signals: list[int]) -> int:
     except ParameterException as error:
         raise ConfigError(str(error)) from None
     finally:
+        if node is not None:
+            node.close()
         rclpy.try_shutdown()
     return node.exit_status

@@ -34,6 +34,7 @@ from vio_eval_ros.live.deliveries import Deliveries
 from vio_eval_ros.live.health import counted, mixed, sent_before, undecodable
 from vio_eval_ros.live.queues import PathQueue, Progress, RunQueue, TimeJump
 from vio_eval_ros.live.snapshot import TopicState
+from vio_eval_ros.live.timeliness import Arrivals
 from vio_eval_ros.recordings import cdr
 from vio_eval_ros.recordings.messages import (
     Adjustment,
@@ -114,6 +115,8 @@ class PoseTopic:
         self._node = node
         self._asked = QoSProfile(depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._raw: list[bytes] = []
+        self._received_ns: list[int] = []  # of each of these, by the clock of the system
+        self._arrivals: list[Arrivals] = []
         self._class: Any = None
         self._adjustment: Adjustment | None = None
         self._subscription: Subscription | None = None
@@ -205,21 +208,21 @@ class PoseTopic:
         """Take all messages that have arrived; decoding them can wait."""
         if self._subscription is None:
             return
-        arrived, numbers = take_serialized(self._subscription, self._class, DEPTH)
-        if not arrived:
+        taken = take_serialized(self._subscription, self._class, DEPTH)
+        if not taken.messages:
             return
         # what it had no room for was overwritten, which is no event
         is_bounded = self._quality.history == HistoryPolicy.KEEP_LAST
-        is_full = is_bounded and len(arrived) >= self._quality.depth
+        is_full = is_bounded and len(taken.messages) >= self._quality.depth
         self._counts['full'] += is_full
-        if numbers[0] is not None:
-            again = self._heard_again(numbers)
-            arrived, numbers = arrived[again:], numbers[again:]
-            if numbers:
+        if taken.numbers[0] is not None:
+            taken = taken.after(self._heard_again(taken.numbers))
+            if taken.numbers:
                 are_mixed = len(self._publishers) > 1
-                self._deliveries.note(np.array(numbers, np.int64), are_mixed, is_full)
-        self._raw += arrived
-        self.received += len(arrived)
+                self._deliveries.note(np.array(taken.numbers, np.int64), are_mixed, is_full)
+        self._raw += taken.messages
+        self._received_ns += taken.received_ns
+        self.received += len(taken.messages)
         self.received_s = time.monotonic()
 
     def _heard_again(self, numbers: Sequence[int | None]) -> int:
@@ -269,6 +272,7 @@ class PoseTopic:
     def _decode(self) -> Iterator[Poses]:
         """Yield the poses of the messages taken since the last call; of each Path by itself."""
         raw, self._raw = self._raw, []
+        received_ns, self._received_ns = self._received_ns, []
         if not raw:
             return
         if not self._frame:
@@ -278,8 +282,24 @@ class PoseTopic:
         if self._msgtype == PATH:
             yield from self._of_paths(raw)
             return
+        found, twists = self._of_block(raw)
+        if len(found) == len(raw) and received_ns[0]:
+            times = np.array(received_ns, np.int64)
+            self._arrivals.append(Arrivals(found, times, twists))
+        yield found
+
+    def _of_block(self, raw: list[bytes]) -> tuple[Poses, np.ndarray | None]:
+        """Return the poses of messages, and their twists where the type has them."""
+        if self._msgtype == cdr.ODOMETRY and (odometry := cdr.decode_odometry(raw)):
+            stamps, numbers, twists = odometry
+            return poses(stamps, numbers), twists
         columns = cdr.decode(self._msgtype, raw, ros1=False)
-        yield poses(*columns) if columns is not None else self._collected(raw)
+        return poses(*columns) if columns is not None else self._collected(raw), None
+
+    def arrivals(self) -> list[Arrivals]:
+        """Return what was read since the last call, and when it arrived, as far as is known."""
+        arrivals, self._arrivals = self._arrivals, []
+        return arrivals
 
     def _of_paths(self, raw: list[bytes]) -> Iterator[Poses]:
         for message in raw:

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 import ctypes
 import sys
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.event_handler import QoSSubscriptionEventType
@@ -42,23 +42,33 @@ def declare_quality(node: Node, topic: str, quality: QoSProfile) -> None:
     _declare_qos_parameters(Subscription, node, topic, quality, policies)
 
 
-def take_serialized(
-    subscription: Subscription, message_type: type, most: int
-) -> tuple[list[bytes], list[int | None]]:
+class Taken(NamedTuple):
     """
-    Return the messages that have arrived, at most so many, without deserialising them.
+    Messages in serialised form.
 
-    With each comes the number that its publisher gave it, from 1; None where the middleware does
-    not tell.
+    :param numbers: that their publisher gave them, from 1; None where the middleware tells none.
+    :param received_ns: when they arrived, by the clock of the system; 0 likewise.
     """
-    messages: list[bytes] = []
-    numbers: list[int | None] = []
+
+    messages: list[bytes]
+    numbers: list[int | None]
+    received_ns: list[int]
+
+    def after(self, count: int) -> Taken:
+        """Return those after the first few."""
+        return Taken(self.messages[count:], self.numbers[count:], self.received_ns[count:])
+
+
+def take_serialized(subscription: Subscription, message_type: type, most: int) -> Taken:
+    """Return the messages that have arrived, at most so many, without deserialising them."""
+    taken = Taken([], [], [])
     with subscription.handle:
         take = subscription.handle.take_message
-        while len(messages) < most and (taken := take(message_type, True)) is not None:
-            messages.append(taken[0])
-            numbers.append(taken[1]['publication_sequence_number'])
-    return messages, numbers
+        while len(taken.messages) < most and (one := take(message_type, True)) is not None:
+            taken.messages.append(one[0])
+            taken.numbers.append(one[1]['publication_sequence_number'])
+            taken.received_ns.append(one[1]['received_timestamp'])
+    return taken
 
 
 class EventCounter:
