@@ -47,9 +47,11 @@ class Watcher(Node):
         self.create_subscription(DiagnosticArray, '/diagnostics', self.show, 10)
 
     def show(self, diagnostics: DiagnosticArray) -> None:
-        """Print a line of the table."""
-        (accuracy,) = (one for one in diagnostics.status if one.name.endswith('accuracy'))
-        values = {item.key: item.value for item in accuracy.values}
+        """Print a line of the table, where the accuracy is among the statuses."""
+        named = {one.name.rpartition(': ')[2]: one for one in diagnostics.status}
+        if 'accuracy' not in named:
+            return
+        values = {item.key: item.value for item in named['accuracy'].values}
         pairs = float(values.get('pairs', 0))
         if pairs > self.pairs:
             self.pairs = pairs
