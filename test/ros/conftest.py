@@ -188,9 +188,9 @@ def process(graph, environment) -> Iterator[Callable[..., Process]]:
 def short_lag(monkeypatch) -> None:
     """Have the evaluator wait less for a stream that does not jump back with the other."""
     from vio_eval_ros.live import queues
-    from vio_eval_ros.ros import evaluator_node
+    from vio_eval_ros.ros import runs
 
-    for module in (queues, evaluator_node):
+    for module in (queues, runs):
         monkeypatch.setattr(module, 'LAG_S', 0.5)
 
 
