@@ -17,7 +17,7 @@ README = Path(__file__).resolve().with_name('README.md')
 # an executable for each verb in lib/vio_eval_ros, where `ros2 run` looks. setup.cfg sends the
 # scripts of exactly these two commands there, which colcon and bloom run, and pip does not.
 FOR_ROS = not {'develop', 'install'}.isdisjoint(sys.argv)
-COMMANDS = [f'{verb} = {module}:main' for verb, (module, _) in VERBS.items()]
+COMMANDS = [f'{verb} = {NAME}.__main__:{verb}' for verb in VERBS]
 
 GEO = ['pymap3d']
 IMAGES = ['Pillow']

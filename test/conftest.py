@@ -1,13 +1,14 @@
 """What the tests share: real recordings, made-up ones, and the package as colcon installs it."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from html.parser import HTMLParser
+from importlib.util import find_spec
 import io
 import json
-from operator import itemgetter
 import os
 from pathlib import Path
+import re
 import shutil
 import signal
 import subprocess
@@ -17,11 +18,9 @@ from typing import Any
 import numpy as np
 from PIL import Image
 import pytest
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import get_typestore, Stores
 
+from recorded_poses import poses, record, stamped, STORE
 from ros_domain import private_domain
-from vio_eval_ros.core.trajectory import Trajectory
 from vio_eval_ros.simulation import simulate
 
 # What `nohup make test &` ignores would be ignored in every process that a test starts: a handler
@@ -33,19 +32,53 @@ if signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
 
 ROOT = Path(__file__).resolve().parents[1]
 ON_A_ROS_GRAPH = ('ros', 'test_demo.py', 'test_launch.py', 'test_layouts.py')
+REQUIRED = os.environ.get('VIO_EVAL_ROS_REQUIRE_DATA') == '1'
+#: the files of tests that were not collected, with the module that each lacks
+LEFT_OUT = pytest.StashKey[dict[str, str]]()
+EXECUTED = {'passed', 'failed', 'error', 'xfailed'}
 SLOW_FIXTURES = {'browser', 'colcon'}
-STORE = get_typestore(Stores.ROS2_JAZZY)
 # What is in a clone and matters for building: no environments, no results of earlier builds.
 NOT_COPIED = shutil.ignore_patterns('.*', 'build', 'install', 'log', '*.egg-info', '__pycache__')
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Leave out a file of tests that imports what is not installed, and say so at the end."""
+    if collection_path.suffix != '.py' or REQUIRED:
+        return None
+    imported = re.findall(r'^(?:import|from) (\w+)', collection_path.read_text(), re.MULTILINE)
+    for module in dict.fromkeys(imported):
+        if is_missing(module):
+            config.stash.setdefault(LEFT_OUT, {})[collection_path.name] = module
+            return True
+    return None
+
+
+def pytest_terminal_summary(
+    terminalreporter: pytest.TerminalReporter, config: pytest.Config
+) -> None:
+    """Say what was left out."""
+    for name, module in config.stash.get(LEFT_OUT, {}).items():
+        terminalreporter.write_line(f'left out: {name}, since {module} is not installed')
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Mark what `make test-fast` leaves out, as far as folder or fixtures decide it."""
     for item in items:
+        for module in (mark.args[0] for mark in item.iter_markers('needs')):
+            if is_missing(module):
+                item.add_marker(pytest.mark.skip(reason=f'{module} is not installed'))
         if any(item.path.is_relative_to(ROOT / 'test' / name) for name in ON_A_ROS_GRAPH):
             item.add_marker(pytest.mark.ros)
         if SLOW_FIXTURES.intersection(getattr(item, 'fixturenames', ())):
             item.add_marker(pytest.mark.slow)
+
+
+def is_missing(module: str) -> bool:
+    """Return whether a module is not installed."""
+    try:
+        return find_spec(module) is None
+    except ImportError:  # a part of what is not there
+        return True
 
 
 @pytest.fixture(scope='session')
@@ -55,7 +88,7 @@ def shared_data() -> Path:
     folder = Path(os.environ.get('VIO_EVAL_ROS_DATA', beside))
     if folder.is_dir():
         return folder
-    if os.environ.get('VIO_EVAL_ROS_REQUIRE_DATA') == '1':
+    if REQUIRED:
         pytest.fail(f'{folder} is required here and missing')
     pytest.skip(f'no real recordings at {folder}')
 
@@ -66,7 +99,7 @@ def colcon() -> str:
     found = shutil.which('colcon', path=f'{beside_python}{os.pathsep}{os.environ["PATH"]}')
     if found:
         return found
-    if os.environ.get('VIO_EVAL_ROS_REQUIRE_DATA') == '1':
+    if REQUIRED:
         pytest.fail('colcon is required here and missing')
     pytest.skip('colcon is not installed')
 
@@ -93,42 +126,6 @@ def ros_environment() -> Iterator[dict[str, str]]:
     """Return an environment with a ROS graph that no other test is on, in whatever process."""
     with private_domain() as variables:
         yield os.environ | {'PYTHONPATH': str(ROOT)} | variables
-
-
-def stamped(cls: str, stamp_ns: int, *content: Any) -> Any:
-    """Return a message that begins with a header."""
-    time = STORE.types['builtin_interfaces/msg/Time'](*divmod(stamp_ns, 10**9))
-    return STORE.types[cls](STORE.types['std_msgs/msg/Header'](time, 'map'), *content)
-
-
-def poses(trajectory: Trajectory) -> list[Any]:
-    """Return a PoseStamped for each pose."""
-    geometry = 'geometry_msgs/msg/'
-    point, quaternion, pose = (
-        STORE.types[geometry + name] for name in ('Point', 'Quaternion', 'Pose')
-    )
-    columns = trajectory.stamps_ns.tolist(), trajectory.positions, trajectory.rotations
-    return [
-        stamped(f'{geometry}PoseStamped', stamp_ns, pose(point(*p), quaternion(*q)))
-        for stamp_ns, p, q in zip(*columns, strict=True)
-    ]
-
-
-def record(folder: Path, messages: Iterable[tuple[str, Any]]) -> Path:
-    """Write messages, each received at its stamp, as a rosbag2."""
-    received = sorted(
-        ((m.header.stamp.sec * 10**9 + m.header.stamp.nanosec, topic, m) for topic, m in messages),
-        key=itemgetter(0),
-    )
-    with Writer(folder, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        connections = {
-            topic: writer.add_connection(topic, msgtype, typestore=STORE)
-            for topic, msgtype in {topic: m.__msgtype__ for _, topic, m in received}.items()
-        }
-        for received_ns, topic, message in received:
-            raw = STORE.serialize_cdr(message, message.__msgtype__)
-            writer.write(connections[topic], received_ns, raw)
-    return folder
 
 
 @pytest.fixture(scope='session')
@@ -307,9 +304,15 @@ def window(browser: Any, tmp_path: Path) -> Iterator[Window]:
     window.page.close()
 
 
+@pytest.hookimpl(trylast=True)
 def pytest_sessionfinish(session: pytest.Session) -> None:
-    """Fail where everything was skipped, though the real recordings are required."""
+    """
+    Fail where no test was executed, be it that all were skipped.
+
+    The status of pytest for that, 5, is success for colcon.
+    """
     reporter = session.config.pluginmanager.get_plugin('terminalreporter')
-    required = os.environ.get('VIO_EVAL_ROS_REQUIRE_DATA') == '1'
-    if required and reporter is not None and not reporter.stats.get('passed'):
-        session.exitstatus = pytest.ExitCode.NO_TESTS_COLLECTED
+    is_listing = session.config.option.collectonly
+    if reporter is not None and not is_listing and not reporter.stats.keys() & EXECUTED:
+        session.exitstatus = pytest.ExitCode.TESTS_FAILED
+        reporter.write_line('no test was executed', red=True)

@@ -1,6 +1,5 @@
 """The live demo does what the documentation shows, and says so where it cannot."""
 
-import importlib.util
 import json
 import os
 from pathlib import Path
@@ -14,9 +13,6 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 DEMO = (sys.executable, ROOT / 'demo' / 'live.py', ROOT / 'demo' / 'simulated_flight')
 LIMIT_S = 90
-needs_ros = pytest.mark.skipif(
-    not importlib.util.find_spec('rclpy'), reason='needs ROS 2: pip install ".[ros]"'
-)
 
 
 def figures(text: str) -> str:
@@ -24,7 +20,7 @@ def figures(text: str) -> str:
     return ' '.join(re.sub(r'(\.\d{6})\d+', r'\1', text).split())
 
 
-@needs_ros
+@pytest.mark.needs('rclpy')
 def test_the_figures_change_while_it_plays_and_equal_those_of_replay_in_the_end(tmp_path):
     done = subprocess.run(
         [*DEMO, tmp_path / 'report'],
@@ -50,7 +46,7 @@ def test_the_figures_change_while_it_plays_and_equal_those_of_replay_in_the_end(
     assert result['association']['pairs'] == 1200
 
 
-@needs_ros
+@pytest.mark.needs('rclpy')
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_an_interrupted_demo_leaves_no_process(tmp_path, number):
     demo = subprocess.Popen(

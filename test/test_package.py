@@ -1,6 +1,7 @@
 """The package installs, builds with colcon, and its verbs are found by both of their names."""
 
 import importlib
+import os
 from pathlib import Path
 import re
 import shutil
@@ -220,3 +221,48 @@ def test_listing_the_verbs_imports_none_of_them():
 def test_the_version_is_printed(capsys):
     assert main(['--version']) == 0
     assert capsys.readouterr().out == f'vio_eval {__version__}\n'
+
+
+def without(module: str, verb: str, *arguments: object, **variables: str) -> str:
+    """Return what a verb says on stderr, with status 2, where a module is not installed."""
+    code = f'import sys; sys.modules[{module!r}] = None; import vio_eval_ros.__main__ as m; '
+    code += f'sys.argv[0] = {verb!r}; sys.exit(m.{verb}())'
+    done = subprocess.run(
+        [sys.executable, '-c', code, *map(str, arguments)],
+        cwd=ROOT,
+        env=os.environ | variables,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 2, done.stdout + done.stderr
+    assert done.stdout == ''
+    return done.stderr
+
+
+@pytest.mark.parametrize(
+    ('module', 'package'),
+    [
+        ('numpy', 'numpy'),
+        ('rosbags', 'rosbags'),
+        ('mcap', 'mcap'),
+        ('ruamel', 'ruamel.yaml'),
+    ],
+)
+def test_a_package_that_is_not_installed_is_named(module, package):
+    config = ('--config', ROOT / 'config' / 'euroc.yaml')
+    said = without(module, 'replay', ROOT / 'demo' / 'simulated_flight', *config)
+    assert said.startswith(f'replay: the Python package {package} is missing: {sys.executable} -m')
+    assert said.endswith('rosdep install --from-paths src --ignore-src\n')
+    assert said.count('\n') == 1
+
+
+@pytest.mark.parametrize('verb', ['evaluator', 'play'])
+def test_an_old_release_of_ros_is_one_line(verb):
+    recording = [ROOT / 'demo' / 'simulated_flight'] if verb == 'play' else []
+    said = without('rclpy.event_handler', verb, *recording, ROS_DISTRO='humble')
+    assert said.startswith(f'{verb}: ROS 2 Humble is too old: evaluator and play need Jazzy or')
+    assert said.count('\n') == 1
+    assert 'ROS 2 is missing (' in without('rclpy', verb, *recording, ROS_DISTRO='jazzy')
+    said = without('rosbags', verb, *recording, ROS_DISTRO='jazzy')
+    assert 'the Python package rosbags is missing' in said

@@ -90,3 +90,15 @@ def test_hooks_run_the_tools_of_the_makefile():
         tool = Path(hook['entry'].split()[0]).name
         assert re.search(rf'(-m |/bin/){tool}\b', lint)
         assert hook['language'] == 'system'  # nothing is fetched
+
+
+def test_no_two_files_of_tests_have_the_same_name():
+    # launch_testing's plugin of pytest imports them by their names alone
+    names = [file.name for file in (ROOT / 'test').rglob('test_*.py')]
+    assert sorted(names) == sorted(set(names))
+
+
+def test_no_file_of_tests_skips_itself_as_a_whole():
+    # which ends the run where launch_testing's plugin imports it
+    for file in (ROOT / 'test').rglob('test_*.py'):
+        assert not re.search(r'^\S.*(importorskip|allow_module_level)', file.read_text(), re.M), file

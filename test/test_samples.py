@@ -36,7 +36,7 @@ def module_of(path: Path) -> Any:
 
 @pytest.mark.slow
 @pytest.mark.skipif(not SAMPLES, reason=f'no sample inputs at {FOLDER}')
-@pytest.mark.parametrize('sample', SAMPLES, ids=lambda sample: sample['name'])
+@pytest.mark.parametrize('sample', SAMPLES, ids=[sample['name'] for sample in SAMPLES])
 def test_what_is_right_for_a_sample_is_what_comes(sample, monkeypatch):
     run = module_of(FOLDER / 'run_cases.py').run
     monkeypatch.setenv('PYTHONPATH', str(ROOT))

@@ -17,7 +17,7 @@ import pytest
 from referencing import Registry, Resource
 import yaml
 
-from conftest import record, stamped
+from recorded_poses import record, stamped
 from verbs import call, document, transcript
 from vio_eval_ros.core.config import EvaluationConfig
 from vio_eval_ros.core.limits import Limits

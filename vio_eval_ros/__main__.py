@@ -8,12 +8,15 @@ In a ROS 2 workspace every verb is an executable: ``ros2 run vio_eval_ros VERB``
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 import difflib
+from functools import partial
 import importlib
 import os
 import sys
 
 from vio_eval_ros.cli.command import called_as, COMMAND
+from vio_eval_ros.errors import MissingPackage, UNABLE
 from vio_eval_ros.version import __version__
 
 #: Every verb: the module whose ``main`` runs it, and what it does. ``setup.py`` reads it too.
@@ -66,13 +69,28 @@ def main(argv: list[str] | None = None) -> int:
         hint = f"did you mean '{near[0]}'?" if near else f'choose from {", ".join(VERBS)}'
         print(f"{COMMAND}: there is no verb '{verb}'; {hint}", file=sys.stderr)
         return 2
-    module, _ = VERBS[verb]
+    return _call(verb, arguments)
+
+
+def __getattr__(name: str) -> Callable[[], int]:
+    """Return the ``main`` of a verb, by the name of the verb: the executables of ROS call it."""
+    if name in VERBS:
+        return partial(_call, name)
+    raise AttributeError(name)
+
+
+def _call(verb: str, arguments: list[str] | None = None) -> int:
+    """Return the exit status of a verb; handle what can happen before the verb handles it."""
     try:
-        status: int = importlib.import_module(module).main(arguments)
-    except KeyboardInterrupt:  # before the verb handles it
-        print(f'{verb}: interrupted', file=sys.stderr)
-        return 2
-    return status
+        status: int = importlib.import_module(VERBS[verb][0]).main(arguments)
+    except KeyboardInterrupt:
+        problem = 'interrupted'
+    except ModuleNotFoundError as error:
+        problem = str(MissingPackage(error))
+    else:
+        return status
+    print(f'{verb}: {problem}', file=sys.stderr)
+    return UNABLE
 
 
 def _verb_to_complete() -> list[str]:

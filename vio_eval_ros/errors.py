@@ -9,7 +9,8 @@ Everything that can go wrong for a reason the user can mend.
     ├── NoPairs                two trajectories that share no instant
     ├── WriteError             a report that cannot be written
     ├── InputError             an array or DataFrame of a wrong shape, type or value
-    └── ConfigError            an option, gate or parameter that makes no sense
+    ├── ConfigError            an option, gate or parameter that makes no sense
+    └── MissingPackage         a Python package that is not installed
 
 A message is one line that names its subject and says what to do. Only the command lines and the
 nodes print it; they exit with status 2.
@@ -17,8 +18,12 @@ nodes print it; they exit with status 2.
 
 from __future__ import annotations
 
+import sys
+
 # exit statuses of every verb: a gate or expectation failed is 1, could not be done is 2
 PASSED, FAILED, UNABLE = 0, 1, 2
+#: what pip calls the packages whose modules have other names
+NAMES_OF_PIP = {'google': 'protobuf', 'PIL': 'Pillow', 'ruamel': 'ruamel.yaml', 'yaml': 'PyYAML'}
 
 
 class VioEvalError(Exception):
@@ -69,3 +74,19 @@ class WriteError(VioEvalError):
 
     def __init__(self, path: object, problem: str) -> None:
         super().__init__(f'{path}: cannot write: {problem}')
+
+
+class MissingPackage(VioEvalError):
+    """
+    A Python package that the installation should have brought cannot be imported.
+
+    :param error: of the import.
+    """
+
+    def __init__(self, error: ImportError) -> None:
+        module = (error.name or '').partition('.')[0]
+        package = NAMES_OF_PIP.get(module, module)
+        super().__init__(
+            f'the Python package {package} is missing: {sys.executable} -m pip install {package}; '
+            'in a ROS workspace: rosdep install --from-paths src --ignore-src'
+        )

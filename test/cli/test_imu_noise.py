@@ -12,7 +12,7 @@ from verbs import call, complaint, document, start, transcript
 from vio_eval_ros.imu import recorded
 from vio_eval_ros.imu.simulated_noise import EUROC, simulate_noise
 
-pytest.importorskip('allantools')
+pytestmark = pytest.mark.needs('allantools')
 
 IMU = 'sensor_msgs/msg/Imu'
 RATE_HZ = 50.0

@@ -1,12 +1,11 @@
 """The Allan deviation is allantools', whatever segments there are, and its scatter is known."""
 
+import allantools
 import numpy as np
 import pytest
 
 from vio_eval_ros.imu.allan import allan_curve, Variances
 from vio_eval_ros.imu.simulated_noise import Noise, simulate_axis
-
-allantools = pytest.importorskip('allantools')
 
 NOISE = Noise(density=2e-3, walk=3e-3)
 

@@ -13,7 +13,7 @@ from vio_eval_ros.imu.record import AXES, Record
 from vio_eval_ros.imu.simulated_noise import EUROC, Noise, NoiseModel, simulate_noise
 from vio_eval_ros.simulation.flight import Flight
 
-pytest.importorskip('allantools')
+pytestmark = pytest.mark.needs('allantools')
 
 RATE_HZ = 50.0
 BIAS = np.array([0.02, -0.01, 0.005, 0.1, -0.2, 9.81])

@@ -9,9 +9,7 @@ from vio_eval_ros.imu.allan import allan_curve, Curve
 from vio_eval_ros.imu.fit import fit_noise
 from vio_eval_ros.imu.simulated_noise import EUROC, Noise, simulate_axis
 
-pytest.importorskip('allantools')
-
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.needs('allantools'), pytest.mark.slow]
 SEEDS = range(20)
 
 

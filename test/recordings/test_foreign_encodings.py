@@ -12,7 +12,7 @@ from vio_eval_ros.errors import ReadError, UnsupportedMessage
 from vio_eval_ros.recordings.recording import Recording
 from vio_eval_ros.recordings.sources import read_sources
 
-pytest.importorskip('google.protobuf')
+pytestmark = pytest.mark.needs('google.protobuf')
 
 COUNT = 60
 STAMPS = [stamp(k) for k in range(COUNT)]

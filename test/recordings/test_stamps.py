@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from rosbags.rosbag2 import StoragePlugin, Writer
 
-from conftest import poses as messages_of
-from conftest import STORE
+from recorded_poses import poses as messages_of
+from recorded_poses import STORE
 from verbs import complaint, document
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import ConfigError, ReadError

@@ -11,7 +11,7 @@ from vio_eval_ros.core.rotation import multiply
 from vio_eval_ros.errors import ReadError
 from vio_eval_ros.recordings.sources import default_topics, read_sources
 
-pytest.importorskip('pyulog')
+pytestmark = pytest.mark.needs('pyulog')
 
 COUNT = 60
 BOOT_US = 5_000_000

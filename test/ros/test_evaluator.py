@@ -14,10 +14,9 @@ import pytest
 
 from recorded import fixes, odometry, write
 from verbs import call, document
-
-pytest.importorskip('rclpy', reason='needs ROS 2: pip install ".[ros]"')
-
 from vio_eval_ros.recordings.playback import Playback, TimedMessage
+
+pytestmark = pytest.mark.needs('rclpy')
 
 ROOT = Path(__file__).resolve().parents[2]
 DEMO = ROOT / 'demo' / 'simulated_flight'

@@ -16,6 +16,10 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.subscription import Subscription
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag1 import Writer as Rosbag1Writer
 from rosbags.typesys import get_typestore, Stores
@@ -23,14 +27,6 @@ from rosbags.typesys import get_typestore, Stores
 from verbs import complaint
 from vio_eval_ros.recordings.playback import Playback
 from vio_eval_ros.recordings.recording import Recording
-
-pytest.importorskip('rclpy', reason='needs ROS 2: pip install ".[ros]"')
-
-import rclpy
-from rclpy.context import Context
-from rclpy.qos import DurabilityPolicy, QoSProfile
-from rclpy.subscription import Subscription
-
 from vio_eval_ros.ros import player
 from vio_eval_ros.ros.player import message_class
 from vio_eval_ros.ros.private import take_serialized

@@ -4,10 +4,6 @@ import ast
 import inspect
 from pathlib import Path
 
-import pytest
-
-pytest.importorskip('rclpy', reason='needs ROS 2: pip install ".[ros]"')
-
 from rclpy import qos_overriding_options
 from rclpy.executors import Executor
 from rclpy.impl.implementation_singleton import rclpy_implementation

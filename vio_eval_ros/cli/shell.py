@@ -17,7 +17,7 @@ from vio_eval_ros.cli.command import called_as
 from vio_eval_ros.cli.completion import complete, words
 from vio_eval_ros.core.config import EvaluationConfig, nearest_name
 from vio_eval_ros.core.presets import AS, PRESETS
-from vio_eval_ros.errors import ConfigError, UNABLE, VioEvalError
+from vio_eval_ros.errors import ConfigError, MissingPackage, UNABLE, VioEvalError
 from vio_eval_ros.rendering.text import printable
 from vio_eval_ros.settings import options_of
 
@@ -108,6 +108,8 @@ def run(verb: str, main: Callable[[], int]) -> int:
         problem = str(error)
     except KeyboardInterrupt:
         problem = 'interrupted'
+    except ModuleNotFoundError as error:
+        problem = str(MissingPackage(error))
     except MemoryError:
         problem = 'there is not enough memory'
     except Exception as error:
