@@ -57,6 +57,8 @@ ARGUMENTS = {
     ),
     'play_options': ('', "further options of play, such as '--rate 2 --start 40'"),
     'settle_s': ('2', 'seconds that the estimator has to finish after the last message'),
+    'name': ('vio_evaluator', 'name of the evaluator'),
+    'namespace': ('', 'namespace of the evaluator'),
 }
 
 
@@ -89,8 +91,10 @@ def player_and_evaluator(context: LaunchContext) -> list[LaunchDescriptionEntity
     wanted = given['topics'].split() or [topic for topic in defaults if topic in recorded]
     inputs = [topic for topic in (given['estimate'], truth) if topic in recorded]
     evaluator = {
+        'name': given['name'],
+        'namespace': given['namespace'],
         'estimate': given['estimate'],
-        'ground_truth': truth or 'ground_truth',
+        'ground_truth': truth,
         'ground_truth_file': given['ground_truth_file'],
         'params_file': given['params_file']
         or str(SHARE / 'config' / TRUTHS.get(truth, 'euroc.yaml')),
@@ -98,6 +102,7 @@ def player_and_evaluator(context: LaunchContext) -> list[LaunchDescriptionEntity
         'report_dir': given['report_dir'],
         'use_sim_time': 'true',
         'reliable': ' '.join(topic for topic in inputs if topic in reliable),
+        'on_exit': 'shutdown',
     }
     settle_s = float(given['settle_s'])
     return [

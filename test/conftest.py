@@ -53,9 +53,7 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
     return None
 
 
-def pytest_terminal_summary(
-    terminalreporter: pytest.TerminalReporter, config: pytest.Config
-) -> None:
+def pytest_terminal_summary(terminalreporter: Any, config: pytest.Config) -> None:
     """Say what was left out."""
     for name, module in config.stash.get(LEFT_OUT, {}).items():
         terminalreporter.write_line(f'left out: {name}, since {module} is not installed')

@@ -74,6 +74,7 @@ def test_every_parameter_that_is_set_exists():
     assert set(names_in(file, 'PARAMETERS')) - {'use_sim_time'} <= known
     assert 'exit_code_from_gates' in known
     assert set(names_in(file, 'PARAMETERS')) <= set(names_in(file, 'ARGUMENTS'))
+    assert {'estimate', 'estimates', 'ground_truth'} <= set(names_in(file, 'PARAMETERS'))
 
 
 def test_every_truth_of_a_recording_has_a_file_of_parameters():
@@ -295,3 +296,66 @@ def test_the_evaluator_alone_runs_until_it_is_interrupted(launched, tmp_path):
     result = json.loads((tmp_path / 'report' / 'result.json').read_text())
     assert result['alignment']['mode'] == 'posyaw'
     assert result['association']['pairs'] == 400
+
+
+# what starts a robot with two evaluators, each in a namespace of its own
+BRING_UP = """
+from launch import LaunchDescription
+from launch.actions import GroupAction, IncludeLaunchDescription
+
+def generate_launch_description():
+    return LaunchDescription([
+        GroupAction([IncludeLaunchDescription({file!r}, launch_arguments=given.items())])
+        for given in {robots!r}
+    ])
+"""
+
+
+def test_a_robot_outlives_an_evaluator_with_a_misspelt_gate(launched, installed, tmp_path):
+    (tmp_path / 'misspelt.yaml').write_text('ate_trans_rsme_m: {max: 0.1}\n')
+    robots = [
+        {'namespace': 'robot1', 'gates_file': str(tmp_path / 'misspelt.yaml')},
+        {
+            'namespace': 'robot2',
+            'name': 'eval',
+            'estimates': 'vio:=/vio/odometry',
+            'ground_truth': '/ground_truth/pose',
+            'reliable': '/vio/odometry /ground_truth/pose',
+            'gates_file': str(gates(tmp_path, 1.0)),
+            'report_dir': str(tmp_path / 'report'),
+        },
+    ]
+    file = str(installed / 'share' / 'vio_eval_ros' / 'launch' / 'evaluator.launch.py')
+    bring_up = tmp_path / 'bring_up.launch.py'
+    bring_up.write_text(BRING_UP.format(file=file, robots=robots))
+    with launched.start(sys.executable, '-c', LAUNCH, bring_up) as process:
+        said = ''
+        for line in process.stdout:
+            said += line
+            if 'the launch goes on' in line:
+                break
+        options = '--wait-for-subscribers --rate 20 --duration 20 --topics'.split()
+        topics = ('/vio/odometry', '/ground_truth/pose')
+        with launched.start('lib/vio_eval_ros/play', DEMO, *options, *topics) as player:
+            ended(player, 0)
+        process.send_signal(signal.SIGINT)
+        said += ended(process, 0)
+    assert "there is no metric 'ate_trans_rsme_m'" in said
+    assert 'no gate failed; the launch goes on' in said
+    assert re.search(r'\[robot2\.eval\].* vio: .*1,?200 pairs|robot2', said)
+    assert (
+        json.loads(next((tmp_path / 'report').rglob('result.json')).read_text())['verdict']
+        == 'pass'
+    )
+
+
+def test_an_evaluator_that_is_included_ends_the_launch_where_that_is_asked_for(
+    launched, installed, tmp_path
+):
+    (tmp_path / 'misspelt.yaml').write_text('ate_trans_rsme_m: {max: 0.1}\n')
+    file = str(installed / 'share' / 'vio_eval_ros' / 'launch' / 'evaluator.launch.py')
+    robots = [{'gates_file': str(tmp_path / 'misspelt.yaml'), 'on_exit': 'shutdown'}]
+    bring_up = tmp_path / 'bring_up.launch.py'
+    bring_up.write_text(BRING_UP.format(file=file, robots=robots))
+    with launched.start(sys.executable, '-c', LAUNCH, bring_up) as process:
+        assert 'evaluator: it could not run' in ended(process, 1)

@@ -101,4 +101,6 @@ def test_no_two_files_of_tests_have_the_same_name():
 def test_no_file_of_tests_skips_itself_as_a_whole():
     # which ends the run where launch_testing's plugin imports it
     for file in (ROOT / 'test').rglob('test_*.py'):
-        assert not re.search(r'^\S.*(importorskip|allow_module_level)', file.read_text(), re.M), file
+        assert not re.search(r'^\S.*(importorskip|allow_module_level)', file.read_text(), re.M), (
+            file
+        )

@@ -18,8 +18,6 @@ nodes print it; they exit with status 2.
 
 from __future__ import annotations
 
-import sys
-
 # exit statuses of every verb: a gate or expectation failed is 1, could not be done is 2
 PASSED, FAILED, UNABLE = 0, 1, 2
 #: what pip calls the packages whose modules have other names
@@ -87,6 +85,6 @@ class MissingPackage(VioEvalError):
         module = (error.name or '').partition('.')[0]
         package = NAMES_OF_PIP.get(module, module)
         super().__init__(
-            f'the Python package {package} is missing: {sys.executable} -m pip install {package}; '
+            f'the Python package {package} is missing: pip install {package}; '
             'in a ROS workspace: rosdep install --from-paths src --ignore-src'
         )
