@@ -111,6 +111,13 @@ def test_every_panel_of_foxglove_is_placed_once():
     assert sorted(placed) == sorted(FOXGLOVE['configById'])
 
 
+def test_panels_are_titled_under_the_keys_that_foxglove_and_lichtblick_read():
+    for name, panel in FOXGLOVE['configById'].items():
+        assert 'title' not in panel
+        if name.startswith('Plot!'):
+            assert panel['foxglovePanelTitle'] == panel['lichtblickPanelTitle'] != ''
+
+
 def test_every_plotted_metric_exists():
     known = metric_names(EvaluationConfig())
     assert {name.split('/')[1] for name in plotted()} <= set(known)

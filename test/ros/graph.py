@@ -47,6 +47,7 @@ class Status:
     """One status of ``/diagnostics``."""
 
     def __init__(self, status: DiagnosticStatus) -> None:
+        self.name, self.hardware_id = status.name, status.hardware_id
         self.level = LEVELS[status.level]
         self.message = status.message
         self.values = {item.key: item.value for item in status.values}

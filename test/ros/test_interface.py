@@ -3,6 +3,7 @@
 import json
 import math
 from pathlib import Path
+from xml.etree import ElementTree
 
 import pytest
 
@@ -38,6 +39,12 @@ def test_every_topic_can_be_listened_to(graph, another, flown, evaluator, flight
     assert 0 < window[-1].data < largest[-1].data
     names = {'accuracy', 'association', 'streams', 'diagnosis', 'metrics', 'timing'}
     assert set(graph.statuses) == names
+    # as PlotJuggler names what it plots
+    metrics = graph.statuses['metrics']
+    plotted = ElementTree.parse(ROOT / 'config' / 'plotjuggler.xml').iter('curve')
+    assert {curve.get('name') for curve in plotted} <= {
+        f'/diagnostics/{metrics.hardware_id}/{metrics.name}/{key}' for key in metrics.values
+    }
     # what is latched reaches those who come late
     graph.wait_for('streams', 'OK', 'ended: ')
     results = another.listen('/vio_evaluator/result', 'std_msgs/msg/String', latched=True)
