@@ -33,6 +33,8 @@ PROCESSES = ['psutil']
 # release 6 is another library under the same name
 TERMINAL = ['plotext>=5.3,<6']
 REPORT = ['plotly']
+# the page of the running evaluator; it ends slow requests since then
+WEB = ['aiohttp>=3.9', 'plotly']
 # ROS 2 Jazzy where none is installed; rclpy does not start without the second
 ROS = ['ros-jazzy-rclpy', 'ros-jazzy-rmw-fastrtps-cpp', 'ros-jazzy-common-interfaces']
 
@@ -74,7 +76,7 @@ setup(
     package_data={
         NAME: ['py.typed'],
         f'{NAME}.figures': ['paper.mplstyle'],
-        f'{NAME}.rendering': ['page.css', 'page.js'],
+        f'{NAME}.rendering': ['page.css', '*.js'],
     },
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
@@ -118,6 +120,7 @@ setup(
         'rerun': ['rerun-sdk>=0.24'],
         'ros': ROS,
         'terminal': TERMINAL,
+        'web': WEB,
         'test': [
             *GEO,
             *IMAGES,
@@ -130,6 +133,7 @@ setup(
             *REPORT,
             *ROS,
             *TERMINAL,
+            *WEB,
             'build',
             'check-jsonschema',
             'colcon-common-extensions',

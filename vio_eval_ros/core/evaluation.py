@@ -124,6 +124,10 @@ class Evaluation:
         self._append(self.associator.decide())
         return self._account.alignment()
 
+    def kept(self) -> Pairs:
+        """Return all pairs that are kept, without copying them."""
+        return self._account.log.all()
+
     def since(self, index: int) -> Pairs:
         """Return the pairs from an index of the run on, as far as none is missing."""
         return self._account.log.since(index)

@@ -138,6 +138,12 @@ class LiveRun:
         self._timeliness.add_estimate(arrivals, node_ns)
 
     @property
+    def names(self) -> tuple[str, str]:
+        """What the estimate and the ground truth are called."""
+        estimate, truth = self._setup.names
+        return estimate, truth if self._setup.truth is None else self._setup.truth.spec
+
+    @property
     def evaluation(self) -> Evaluation:
         """The evaluation that the series is of."""
         return self._series.evaluation

@@ -1,26 +1,9 @@
 // What is in a folded section is drawn when it is opened and let go of when it is closed: browsers
 // allow a page few 3-D contexts. A pointer over the errors shows where on the path that was.
 'use strict';
-const ink = () => getComputedStyle(document.body).color;
-const options = {responsive: true, displaylogo: false, plotlyServerURL: '',
-  modeBarButtonsToRemove: ['select2d', 'lasso2d', 'autoScale2d', 'resetCameraLastSave3d']};
-const webgl = Boolean(document.createElement('canvas').getContext('webgl'));
-async function draw(box) {
-  const {data, layout} = JSON.parse(box.nextElementSibling.textContent);
-  box.classList.toggle('spatial', Boolean(layout.scene));
-  if (layout.scene && !webgl) {
-    box.textContent = 'The view in 3-D needs WebGL, which this browser does not offer.';
-    box.style.height = 'auto';
-    return;
-  }
-  layout.font.color = ink();
-  if (innerWidth < 640) {
-    layout.dragmode = false;  // there, a drag scrolls the page
-    const eye = layout.scene?.camera.eye;
-    for (const axis in eye) eye[axis] *= 1.3;
-  }
-  await Plotly.newPlot(box, data, layout, options);
-  if (box.dataset.shows === 'errors') box.on('plotly_hover', event => point(box, event));
+async function fill(box) {
+  await draw(box, JSON.parse(box.nextElementSibling.textContent));
+  if (box.dataset.shows === 'errors') box.on?.('plotly_hover', event => point(box, event));
 }
 function point(box, event) {
   const seconds = event.points[0].x;
@@ -38,7 +21,7 @@ function show() {
     const hidden = box.closest('details:not([open])') !== null;
     if (Boolean(box.drawn) !== hidden) continue;
     box.drawn = !hidden;
-    if (hidden) Plotly.purge(box); else draw(box);
+    if (hidden) Plotly.purge(box); else fill(box);
   }
 }
 for (const folded of document.querySelectorAll('details')) {

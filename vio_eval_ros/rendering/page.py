@@ -94,12 +94,14 @@ def plot(
     )
 
 
-def page(title: str, *body: object) -> str:
+def page(title: str, *body: object, script: str = 'page.js', listens: bool = False) -> str:
     """
     Return a self-contained page.
 
-    Its content security policy lets it run its own two scripts only, and fetch nothing.
+    Its content security policy lets it run its own three scripts only, and fetch nothing.
 
+    :param script: the asset that draws what is on it, with plots.js.
+    :param listens: whether it may ask the server it comes from for more.
     :raises ConfigError: where plotly is not installed.
     """
     try:
@@ -108,10 +110,10 @@ def page(title: str, *body: object) -> str:
         raise ConfigError(
             "an html report needs plotly: pip install 'vio_eval_ros[report]'"
         ) from None
-    scripts = [get_plotlyjs(), _asset('page.js')]
+    scripts = [get_plotlyjs(), _asset('plots.js'), _asset(script)]
     policy = (
         "default-src 'none'; style-src 'unsafe-inline'; img-src data: blob:; "
-        f'script-src {" ".join(map(_source, scripts))}'
+        f'script-src {" ".join(map(_source, scripts))}' + ("; connect-src 'self'" * listens)
     )
     return '\n'.join(
         [

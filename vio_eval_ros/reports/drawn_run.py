@@ -5,16 +5,17 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
 from vio_eval_ros.core import rotation
+from vio_eval_ros.core.alignment import Alignment
 from vio_eval_ros.core.config import plain
 from vio_eval_ros.core.intervals import longest_tracked
 from vio_eval_ros.core.metrics import position_errors, rotation_errors
 from vio_eval_ros.core.steps import jump_limit, step_errors
-from vio_eval_ros.core.trajectory import Trajectory
+from vio_eval_ros.core.trajectory import Pairs, Trajectory
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.rendering.figures import extremes, Figure, numbers
 
@@ -43,12 +44,14 @@ class Curve(NamedTuple):
         return _interrupted(x[chosen], y[chosen], holes)
 
 
-@dataclass(frozen=True, eq=False)
-class DrawnRun:
-    """
-    A run as it is drawn: positions, attitudes and errors over time.
+Drawn = TypeVar('Drawn', bound='DrawnPairs')
 
-    :param result: that of the run.
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DrawnPairs:
+    """
+    Pairs as they are drawn: positions and errors over time.
+
     :param seconds: (N,) since the first ground truth.
     :param end: of the ground truth, on the same clock.
     :param estimate: (N, 3) metres, aligned.
@@ -60,7 +63,6 @@ class DrawnRun:
     :param whole: the ground truth including what has no pairs, if it is known.
     """
 
-    result: Result
     seconds: np.ndarray
     end: float
     estimate: np.ndarray
@@ -72,24 +74,31 @@ class DrawnRun:
     whole: Trajectory | None = None
 
     @classmethod
-    def of(cls, result: Result, most_points: int = MOST_POINTS) -> DrawnRun:
-        """Return how a result is drawn."""
-        pairs, alignment = result.summary.pairs, result.summary.alignment
-        first_ns = result.ground_truth.first_stamp_ns or 0
-        last_ns = result.ground_truth.last_stamp_ns or 0
+    def of_pairs(
+        cls: type[Drawn],
+        pairs: Pairs,
+        alignment: Alignment,
+        span_ns: tuple[int, int],
+        max_gap_s: float,
+        **more: Any,
+    ) -> Drawn:
+        """
+        Return how pairs are drawn.
+
+        :param span_ns: the first and the last stamp of the ground truth.
+        """
+        first_ns, last_ns = span_ns
         seconds = (pairs.estimate.stamps_ns - first_ns) / 1e9
         usual = float(np.median(np.diff(seconds))) if len(seconds) > 1 else 0.0
         return cls(
-            result=result,
             seconds=seconds,
             end=(last_ns - first_ns) / 1e9,
             estimate=alignment.positions(pairs.estimate.positions),
             truth=pairs.ground_truth.positions,
             errors=position_errors(pairs, alignment),
             angles=rotation_errors(pairs, alignment),
-            longest_s=longest_tracked(result.config.max_gap_s, usual),
-            most_points=most_points,
-            whole=result.truth,
+            longest_s=longest_tracked(max_gap_s, usual),
+            **more,
         )
 
     @cached_property
@@ -184,6 +193,31 @@ class DrawnRun:
             chosen = np.unique(np.concatenate([self.extremes(column) for column in columns.T]))
         holes = np.flatnonzero(self.gap_between(chosen)) + 1
         return _interrupted(self.seconds[chosen], values[chosen], holes)
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class DrawnRun(DrawnPairs):
+    """
+    A run as it is drawn: positions, attitudes and errors over time.
+
+    :param result: that of the run.
+    """
+
+    result: Result
+
+    @classmethod
+    def of(cls, result: Result, most_points: int = MOST_POINTS) -> DrawnRun:
+        """Return how a result is drawn."""
+        truth = result.ground_truth
+        return cls.of_pairs(
+            result.summary.pairs,
+            result.summary.alignment,
+            (truth.first_stamp_ns or 0, truth.last_stamp_ns or 0),
+            result.config.max_gap_s,
+            most_points=most_points,
+            whole=result.truth,
+            result=result,
+        )
 
     @property
     def truth_over_time(self) -> Curve:

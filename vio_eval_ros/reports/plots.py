@@ -19,7 +19,7 @@ from vio_eval_ros.core.relative import (
 )
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.rendering.figures import AMBER, axis, BLUE, Figure, GREY, layout, numbers, RED
-from vio_eval_ros.reports.drawn_run import DrawnRun
+from vio_eval_ros.reports.drawn_run import DrawnPairs
 
 MOST_MARKS = 100
 #: from no error to the largest; calm to hot, on light and dark alike
@@ -40,7 +40,7 @@ NOWHERE = {'mode': 'markers', 'x': [None], 'y': [None]}
 GAP = 'rgba(128,128,128,0.22)'
 
 
-def path_3d(run: DrawnRun) -> Figure:
+def path_3d(run: DrawnPairs) -> Figure:
     """Return the aligned estimate in the colours of its error, with the ground truth, in 3-D."""
     chosen, kind = run.evenly_spaced(), {'type': 'scatter3d'}
     truth, estimate = (run.places(p, 'xyz', chosen) for p in (run.truth, run.estimate))
@@ -83,7 +83,7 @@ def path_3d(run: DrawnRun) -> Figure:
     }
 
 
-def path_from_above(run: DrawnRun) -> Figure:
+def path_from_above(run: DrawnPairs) -> Figure:
     """Return the same from above."""
     names, chosen, kind = run.axes_from_above, run.evenly_spaced(), {'type': 'scatter'}
     truth, estimate = (run.places(p, names, chosen) for p in (run.truth, run.estimate))
@@ -104,7 +104,7 @@ def path_from_above(run: DrawnRun) -> Figure:
     }  # fmt: skip
 
 
-def _outline(run: DrawnRun, names: str, kind: Figure) -> list[Figure]:
+def _outline(run: DrawnPairs, names: str, kind: Figure) -> list[Figure]:
     """Return the whole ground truth as a thin line, broken at its own gaps."""
     if run.whole is None or not len(run.whole):
         return []
@@ -122,7 +122,7 @@ def _outline(run: DrawnRun, names: str, kind: Figure) -> list[Figure]:
     return [{**kind, **places, 'mode': 'lines', 'line': line, **QUIET}]
 
 
-def _colours(run: DrawnRun, chosen: np.ndarray) -> Figure:
+def _colours(run: DrawnPairs, chosen: np.ndarray) -> Figure:
     """Return the colours of the chosen errors."""
     errors = run.broken(np.minimum(run.errors, run.hottest), chosen)
     return {
@@ -133,7 +133,7 @@ def _colours(run: DrawnRun, chosen: np.ndarray) -> Figure:
     }
 
 
-def _told(run: DrawnRun, chosen: np.ndarray) -> Figure:
+def _told(run: DrawnPairs, chosen: np.ndarray) -> Figure:
     """Return the label of each place: its time and error."""
     errors = run.broken(run.errors, chosen)
     return {
@@ -147,7 +147,7 @@ def _first(places: Figure) -> Figure:
     return {axis: values[:1] for axis, values in places.items()}
 
 
-def _coloured(run: DrawnRun, names: str, chosen: np.ndarray) -> list[Figure]:
+def _coloured(run: DrawnPairs, names: str, chosen: np.ndarray) -> list[Figure]:
     """Return the lines of the estimate, one per level of error."""
     errors = run.errors[chosen]
     level = (errors[1:] + errors[:-1]) / 2 / run.hottest * LEVELS
@@ -190,7 +190,7 @@ def ramp_colours(shares: np.ndarray) -> np.ndarray:
     return colours.round().astype(np.uint8)
 
 
-def errors_over_time(run: DrawnRun, rmse_m: float, rmse_deg: float) -> Figure:
+def errors_over_time(run: DrawnPairs, rmse_m: float, rmse_deg: float) -> Figure:
     """Return the errors of position and rotation over time; gaps are shaded, jumps marked."""
     jumps = run.jumps[:MOST_MARKS]
     gaps = sorted(run.gaps, key=lambda gap: gap[0] - gap[1])[:MOST_MARKS]
@@ -231,7 +231,7 @@ def errors_over_time(run: DrawnRun, rmse_m: float, rmse_deg: float) -> Figure:
     return figure
 
 
-def _curve(run: DrawnRun, values: np.ndarray, axis: str, unit: str) -> Figure:
+def _curve(run: DrawnPairs, values: np.ndarray, axis: str, unit: str) -> Figure:
     chosen = run.extremes(values)
     return {
         'type': 'scatter',
