@@ -526,3 +526,25 @@ def test_trajectories_that_take_turns_are_told_of_their_side():
     turns = 'estimate: poses of two trajectories, 2 m apart, take turns'
     status = health.streams(replace(HEALTHY, run=replace(RUN, turns=(turns,))))
     assert told(status) == ('WARN', turns)
+
+
+@pytest.mark.parametrize(
+    ('topic', 'offered', 'told'),
+    [
+        ('/ground_truth', ['/ground_truth/pose', '/odom'], "; did you mean '/ground_truth/pose'?"),
+        ('/vio/odometrie', ['/vio/odometry', '/truth'], "; did you mean '/vio/odometry'?"),
+        ('/estimate', ['/a', '/b'], '; topics with poses are /a, /b'),
+        ('/estimate', list('abcdef'), '; topics with poses are a, b, c, d, e ...'),
+        ('/estimate', [], ''),
+    ],
+)
+def test_of_a_topic_that_nobody_publishes_it_is_said_which_may_be_meant(topic, offered, told):
+    unknown = replace(TRUTH, topic=topic, publishers=(), published_types=(), received=0)
+    problem = f'nobody publishes {topic}{told}'
+    assert health.topic_problems(unknown, offered) == [problem]
+    run = replace(RUN, values={}, ground_truth=SideState())
+    snapshot = replace(HEALTHY, run=run, topics=(ESTIMATE, unknown), offered=offered)
+    assert problem in health.streams(snapshot).message
+    assert problem in health.association(snapshot).message
+    heard = replace(unknown, received=1)
+    assert health.topic_problems(heard, offered) == []

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 import math
 
+from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.core.gates import Gate, judge, SEVERITIES
 from vio_eval_ros.diagnosis.causes import CAUSES
 from vio_eval_ros.diagnosis.report import Cause, Diagnosis
@@ -31,6 +32,8 @@ MANY_DROPPED_RATIO = 0.01
 DIVERGED_RATIO = 10.0
 #: ... if the error, or the excess of the motion over that, is also larger than this
 DIVERGED_M = 10.0
+#: how many topics are listed where one is not published
+MOST_OFFERED = 5
 
 
 class Level(IntEnum):
@@ -173,7 +176,7 @@ def why_no_pairs(snapshot: Snapshot) -> str:
         return run.no_pairs
     message = f'no pairs yet: {run.waiting_for}'
     for topic in snapshot.topics:
-        if not topic.received and (problems := topic_problems(topic)):
+        if not topic.received and (problems := topic_problems(topic, snapshot.offered)):
             message = f'{message}; {"; ".join(problems)}'
     unstamped = [topic.topic for topic in snapshot.topics if topic.unstamped]
     if unstamped:
@@ -208,7 +211,7 @@ def streams(snapshot: Snapshot) -> Status:
             f'{topic.name}_undecodable': topic.undecodable,
             f'{topic.name}_incompatible_qos': topic.incompatible,
         }
-        problems += topic_problems(topic)
+        problems += topic_problems(topic, snapshot.offered)
         if topic.received and topic.silent_s > snapshot.stale_after_s:
             gone = '' if topic.publishers else ', and nobody publishes it'
             stale.append(f'nothing on {topic.topic} for {topic.silent_s:.0f} s{gone}')
@@ -243,8 +246,12 @@ def _reached_the_end(snapshot: Snapshot) -> bool:
     return short_ns / 1e9 <= snapshot.stale_after_s + snapshot.time_offset_s
 
 
-def topic_problems(topic: TopicState) -> list[str]:
-    """Return what is wrong with a topic and its publishers."""
+def topic_problems(topic: TopicState, offered: Sequence[str] = ()) -> list[str]:
+    """
+    Return what is wrong with a topic and its publishers.
+
+    :param offered: other topics with poses, of which one may be meant.
+    """
     problems = [_publisher_problem(topic)]
     if topic.incompatibility:
         problems.append(f'incompatible QoS on {topic.topic}: {topic.incompatibility}')
@@ -257,7 +264,18 @@ def topic_problems(topic: TopicState) -> list[str]:
     problems = [problem for problem in problems if problem]
     if problems or topic.received:
         return problems
-    return [f'{"nothing received on" if topic.publishers else "nobody publishes"} {topic.topic}']
+    if topic.publishers:
+        return [f'nothing received on {topic.topic}']
+    return [f'nobody publishes {topic.topic}{suggestion(topic.topic, offered)}']
+
+
+def suggestion(topic: str, offered: Sequence[str]) -> str:
+    """Return which of the topics with poses may be meant, or which there are; or ''."""
+    if near := nearest_name(topic, offered):
+        return near
+    more = ' ...' if len(offered) > MOST_OFFERED else ''
+    listed = ', '.join(offered[:MOST_OFFERED])
+    return f'; topics with poses are {listed}{more}' if offered else ''
 
 
 def sent_before(count: int, topic: str) -> str:

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 
 from vio_eval_ros.core.config import option, Options
 from vio_eval_ros.core.limits import PROFILES
+from vio_eval_ros.errors import ConfigError
 
 #: may be set while the node runs: they do not change what a score means
 SETTABLE = ('report_dir', 'window_s', 'stale_after_s', 'exit_code_from_gates')
+LAST_PORT = 65_535
 
 
 @dataclass(frozen=True)
@@ -56,9 +58,21 @@ class NodeConfig(Options):
     processes: tuple[str, ...] = option(
         (), 'names of programs or nodes of the stack, of which CPU and memory are measured'
     )
+    web_port: int = option(
+        0, 'port of a page that shows path, errors and statuses; 0: none', minimum=0
+    )
+    web_host: str = option(
+        '127.0.0.1', 'address of that page; by default only for browsers on this machine'
+    )
     max_pairs: int = option(
         1_000_000,
         'how many pairs are kept; with more, rmse stay exact, other metrics are of a part',
         minimum=1000,
     )
     exit_code_from_gates: bool = option(False, 'exit with status 1 where a gate of any run failed')
+
+    def __post_init__(self) -> None:
+        """Check every option."""
+        super().__post_init__()
+        if self.web_port > LAST_PORT:
+            raise ConfigError(f'web_port: {self.web_port} is no port: they end at {LAST_PORT}')

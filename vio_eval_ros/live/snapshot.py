@@ -120,6 +120,7 @@ class Snapshot:
     :param stale_after_s: how long a stream may be silent.
     :param problems: what else went wrong, such as a report that cannot be written.
     :param clock_jumped: whether ``/clock`` went back, and the run has not ended yet.
+    :param offered: other topics with poses, where nobody publishes one of the inputs.
     :param other_node: the name of the node, where another one has it as well.
     """
 
@@ -131,4 +132,5 @@ class Snapshot:
     stale_after_s: float = math.inf
     problems: tuple[str, ...] = ()
     clock_jumped: bool = False
+    offered: Sequence[str] = ()
     other_node: str = ''

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 import os
 
 import rclpy
@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.recordings.messages import STREAMED
 from vio_eval_ros.ros.private import GraphEvents
 
 POLL_S = 0.5  # where changes of the graph are no events
@@ -35,6 +36,19 @@ def join(arguments: Sequence[str]) -> None:
         problem = ' '.join(str(error).split()).removeprefix('failed to initialize rcl: ')
         raise ConfigError(f'--ros-args: not understood: {problem.split(", at /")[0]}') from None
     set_logger_level('rcl', LoggingSeverity.UNSET)
+
+
+def topics_with_poses(node: Node, besides: Collection[str]) -> list[str]:
+    """Return the topics that others publish, with poses that can be scored."""
+    own = f'{node.get_fully_qualified_name()}/'
+    return sorted(
+        name
+        for name, types in node.get_topic_names_and_types()
+        if name not in besides
+        and not name.startswith(own)
+        and not set(STREAMED).isdisjoint(types)
+        and node.count_publishers(name)
+    )
 
 
 def watch_graph(node: Node, act: Callable[[], object]) -> None:

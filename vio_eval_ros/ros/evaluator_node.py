@@ -12,7 +12,9 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
+import os
 from pathlib import Path
+import sys
 import time
 from typing import Any
 
@@ -34,17 +36,19 @@ from vio_eval_ros.core.evaluation import Evaluation, metric_names
 from vio_eval_ros.core.gates import check_names
 from vio_eval_ros.diagnosis.limits import DiagnosisLimits
 from vio_eval_ros.errors import ConfigError, FAILED, PASSED, UNABLE, VioEvalError, WriteError
-from vio_eval_ros.live.health import statuses, why_no_pairs
+from vio_eval_ros.live.health import statuses, topic_problems, why_no_pairs
 from vio_eval_ros.live.inputs import estimates_of, GROUND_TRUTH, ground_truth_of, InputName
 from vio_eval_ros.live.options import NodeConfig
 from vio_eval_ros.live.processes import Processes
 from vio_eval_ros.live.report_folder import ReportFolder
 from vio_eval_ros.live.run import RunSetup
+from vio_eval_ros.live.screens import Log, Screens, Shown
 from vio_eval_ros.live.snapshot import Snapshot
+from vio_eval_ros.live.status_line import log_over_lines, width_of
 from vio_eval_ros.live.timeliness import NAMES, RECENT
 from vio_eval_ros.recordings.agreement.orders import alone
 from vio_eval_ros.recordings.sources import read_sources, Source
-from vio_eval_ros.ros.context import join, watch_graph
+from vio_eval_ros.ros.context import join, topics_with_poses, watch_graph
 from vio_eval_ros.ros.estimator import Estimator
 from vio_eval_ros.ros.outputs import Outputs
 from vio_eval_ros.ros.parameters import changed, declare, refuse_unknown
@@ -95,7 +99,9 @@ class Evaluator(Node):
             default_metrics(config),
             self._snapshot,
         )
+        self._screens = Screens(self.get_fully_qualified_name(), self._settings, self._log)
         self._other_nodes = 0  # of the same name
+        self._offered: list[str] = []  # topics of which one may be meant
         self._published = 0  # messages of which the result is published
         if self._settings.checkpoint_s:
             self._runs.resume(self._new_recovery(config))
@@ -162,6 +168,11 @@ class Evaluator(Node):
         is_unused = side == 'ground_truth' and self._settings.ground_truth_file
         return PoseTopic(self, side, name.topic, '' if is_unused else msgtype)
 
+    @property
+    def _log(self) -> Log:
+        log = self.get_logger()
+        return Log(log.info, log.warning, log.error)
+
     def _chosen_metrics(self, config: EvaluationConfig) -> list[str]:
         """Return the names of the metrics with topics of their own."""
         known = [*metric_names(config), *RECENT, *self._processes.names]
@@ -184,6 +195,7 @@ class Evaluator(Node):
         for stream in self._streams.values():
             stream.close()
         self._processes.close()
+        self._screens.close()
 
     def destroy_node(self) -> None:
         """Leave the graph."""
@@ -231,6 +243,10 @@ class Evaluator(Node):
             stream.discover()
         own = (self.get_name(), self.get_namespace())
         self._other_nodes = self.get_node_names_and_namespaces().count(own) - 1
+        streams = self._streams.values()
+        is_missing = any(not stream.state.publishers for stream in streams)
+        inputs = {stream.topic for stream in streams}
+        self._offered = topics_with_poses(self, inputs) if is_missing else []
 
     def _tick(self) -> None:
         """Evaluate what has arrived since the last tick, and publish."""
@@ -239,10 +255,14 @@ class Evaluator(Node):
         except VioEvalError as error:
             self.get_logger().error(str(error))
         self._processes.sample()
+        shown = []
         for estimator in self._estimators:
             if problem := estimator.evaluate(self._settings.window_s, self._frame):
                 self.get_logger().error(problem)
-            estimator.outputs.publish_health(statuses(self._snapshot(estimator)))
+            health = statuses(self._snapshot(estimator))
+            estimator.outputs.publish_health(health)
+            shown.append(Shown(estimator.name.label, estimator.run, health))
+        self._screens.show(self._runs.number, shown, self._advice())
         self._publish_results_of_silence()
         self._runs.save()
 
@@ -260,8 +280,15 @@ class Evaluator(Node):
             stale_after_s=self._settings.stale_after_s,
             problems=tuple(problem for problem in problems if problem),
             clock_jumped=self._runs.clock_jumped,
+            offered=self._offered,
             other_node=self.get_fully_qualified_name() if self._other_nodes else '',
         )
+
+    def _advice(self) -> list[str]:
+        """Return what may be meant by topics that nobody publishes."""
+        states = [stream.state for stream in self._streams.values()] if self._offered else []
+        missing = [state for state in states if not state.publishers and not state.received]
+        return [problem for one in missing for problem in topic_problems(one, self._offered)]
 
     def _publish_results_of_silence(self) -> None:
         """Publish the results where all streams are silent, once for what has arrived."""
@@ -343,6 +370,8 @@ def spin(argv: list[str], signals: list[int]) -> int:
     """
     node: Evaluator | None = None
     try:
+        if width_of(sys.stderr):
+            log_over_lines(os.environ)
         join(argv)
         node = Evaluator()
         executor = SingleThreadedExecutor()
