@@ -72,6 +72,8 @@ def test_each_estimate_has_the_figures_it_has_alone(graph, ros, evaluator, fligh
     comparison = json.loads((tmp_path / 'comparison.json').read_text())
     assert [system['name'] for system in comparison['systems']] == ['good', 'bad']
     assert '| good' in (tmp_path / 'comparison.md').read_text()
+    for page in ('comparison.html', 'good/result.html', 'bad/result.html'):
+        assert (tmp_path / page).read_text().endswith('</html>\n')
     assert any('good' in line and 'ATE' not in line for line in node.told)
 
 

@@ -11,6 +11,7 @@ import pytest
 REPORT = {
     'result.json',
     'result.md',
+    'result.html',
     'errors.csv',
     'series.csv',
     'estimate.tum',

@@ -7,10 +7,11 @@ from contextlib import suppress
 from pathlib import Path
 
 from vio_eval_ros.comparison.comparison import Comparison
-from vio_eval_ros.errors import VioEvalError, WriteError
+from vio_eval_ros.errors import ConfigError, VioEvalError, WriteError
 from vio_eval_ros.evaluation.result import Result
-from vio_eval_ros.live.run import LiveRun, remove_report
-from vio_eval_ros.rendering.files import make_writable, write_all
+from vio_eval_ros.live.run import LiveRun, PAGE, remove_report
+from vio_eval_ros.rendering.files import make_writable, write, write_all
+from vio_eval_ros.reports import REPORTS
 from vio_eval_ros.reports.compared import COMPARISON_REPORTS
 
 COMPARISON_FILES = {
@@ -18,6 +19,8 @@ COMPARISON_FILES = {
     'markdown': 'comparison.md',
     'csv': 'comparison.csv',
 }
+COMPARISON_PAGE = 'comparison.html'
+Compare = Callable[[Mapping[str, Result]], Comparison]
 
 
 class ReportFolder:
@@ -55,10 +58,7 @@ class ReportFolder:
         self._folder = folder
 
     def write(
-        self,
-        runs: Mapping[str, LiveRun],
-        name: Path,
-        compare: Callable[[Mapping[str, Result]], Comparison],
+        self, runs: Mapping[str, LiveRun], name: Path, compare: Compare
     ) -> tuple[dict[str, Result], Path] | None:
         """
         Return the results that were written, and where; None where none were.
@@ -80,6 +80,7 @@ class ReportFolder:
                         for kind, file in COMPARISON_FILES.items()
                     }
                 )
+                (folder / COMPARISON_PAGE).unlink(missing_ok=True)  # of another report
         except (VioEvalError, OSError) as error:
             self._cannot_write(folder, error)
             return None
@@ -89,10 +90,23 @@ class ReportFolder:
         self._interim = folder
         return results, folder
 
+    def write_pages(self, results: Mapping[str, Result], folder: Path, compare: Compare) -> str:
+        """Add the pages to the reports in a folder; return why there are none, or ''."""
+        try:
+            for label, result in results.items():
+                write(folder / label / PAGE, REPORTS['html'](result))
+            if len(results) > 1:
+                write(folder / COMPARISON_PAGE, COMPARISON_REPORTS['html'](compare(results)))
+        except ConfigError as error:  # plotly is not installed
+            return f'{folder / PAGE} is not written: {error}'
+        except (VioEvalError, OSError) as error:
+            self._cannot_write(folder, error)
+        return ''
+
     def _remove_interim(self, labels: Iterable[str]) -> None:
         for label in labels:
             remove_report(Path(self._folder) / label)
-        for file in COMPARISON_FILES.values():
+        for file in (*COMPARISON_FILES.values(), COMPARISON_PAGE):
             with suppress(OSError):
                 (Path(self._folder) / file).unlink()
 

@@ -42,6 +42,8 @@ from vio_eval_ros.reports.tables import series_csv
 MIN_JUMP_M = 0.5
 REPORT_FILES = {'json': 'result.json', 'markdown': 'result.md', 'csv': 'errors.csv'}
 SERIES, ESTIMATE, GROUND_TRUTH = 'series.csv', 'estimate.tum', 'ground_truth.tum'
+#: comes last, since drawing takes longer than all that
+PAGE = 'result.html'
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,6 +231,8 @@ class LiveRun:
         """
         Write the report of the run into a folder of its own, and return the result.
 
+        A page that is there is of another report, and removed.
+
         :raises WriteError: where that is not possible; a report that is there stays whole.
         """
         result, rows = self._ended()
@@ -243,6 +247,7 @@ class LiveRun:
                 files[name] = tum(trajectory)
         make_writable(folder)
         write_all({folder / name: content for name, content in files.items()})
+        (folder / PAGE).unlink(missing_ok=True)
         return result
 
     def _ended(self) -> tuple[Result, SeriesRows]:
@@ -335,6 +340,6 @@ class SeriesRows:
 
 def remove_report(folder: Path) -> None:
     """Remove the files of a report, as far as they are there and can be."""
-    for name in (*REPORT_FILES.values(), SERIES, ESTIMATE, GROUND_TRUTH):
+    for name in (*REPORT_FILES.values(), SERIES, ESTIMATE, GROUND_TRUTH, PAGE):
         with suppress(OSError):
             (folder / name).unlink()

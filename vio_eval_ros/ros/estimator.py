@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.errors import VioEvalError
 from vio_eval_ros.evaluation.result import Result
-from vio_eval_ros.live.health import conclusions, why_no_pairs
+from vio_eval_ros.live.health import why_no_pairs
 from vio_eval_ros.live.inputs import InputName
 from vio_eval_ros.live.run import LiveRun, RunSetup
 from vio_eval_ros.live.snapshot import Snapshot
@@ -77,15 +75,12 @@ class Estimator:
         self.problem = ''
         self.run = LiveRun(self._setup, number, why)
 
-    def told(self, result: Result, snapshot: Snapshot) -> tuple[str, Sequence[str]]:
+    def told(self, result: Result, snapshot: Snapshot) -> tuple[str, list[str]]:
         """Return what to log of a run that has ended: a line, and what is wrong."""
-        pairs = result.summary.pairs
-        found = headline(result) if len(pairs) else why_no_pairs(snapshot)
-        diagnosis = self.run.monitor.conclude(pairs)
-        wrong = [*self.run.notes, *conclusions(diagnosis, self.run.monitor.problem)]
-        wrong += [
+        found = headline(result) if len(result.summary.pairs) else why_no_pairs(snapshot)
+        broken = [
             f'{verdict.word} {verdict.gate} (is {number(verdict.value)})'
             for verdict in result.verdicts
             if not verdict.passed
         ]
-        return found, wrong
+        return found, [*self.run.notes, *broken]

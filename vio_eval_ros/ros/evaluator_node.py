@@ -321,6 +321,7 @@ class Evaluator(Node):
             why = why_no_pairs(self._snapshot(self._estimators[0]))
             raise VioEvalError(f'nothing to report: {why}')
         self._runs.finish(self._runs.folder)
+        self._runs.complete()
         if not self._settings.report_dir:
             return 'published, not written'
         folder = Path(self._settings.report_dir) / self._runs.folder

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 import math
 from pathlib import Path
 import time
@@ -14,7 +15,9 @@ from vio_eval_ros.comparison.matrix import CellRun
 from vio_eval_ros.comparison.tables import text_tables
 from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.evaluation.result import Result
+from vio_eval_ros.live.health import conclusions
 from vio_eval_ros.live.inputs import GROUND_TRUTH
+from vio_eval_ros.live.monitor import DiagnosisMonitor
 from vio_eval_ros.live.processes import Processes
 from vio_eval_ros.live.queues import LAG_S, why_the_run_ends
 from vio_eval_ros.live.report_folder import ReportFolder
@@ -57,6 +60,7 @@ class Runs:
         self._compared = tuple(compared)
         self._snapshot = snapshot
         self._log = node.get_logger()
+        self._unfinished: Callable[[], None] | None = None
         self._clock_jumped_s = math.inf  # monotonic, until the run ends
         self._ended_s = -math.inf  # monotonic, when the run before ended
 
@@ -137,7 +141,28 @@ class Runs:
         for estimator in self._estimators:
             estimator.outputs.publish_result(results[estimator.name.label])
         self._tell(results, f'; the report is in {written[1]}' if written else '')
+        monitors = {one.name.label: one.run.monitor for one in self._estimators}
+        self._unfinished = partial(self._complete, results, written and written[1], monitors)
         return results
+
+    def complete(self) -> None:
+        """Do what is left of a run that was finished, and takes longest: pages and diagnoses."""
+        unfinished, self._unfinished = self._unfinished, None
+        if unfinished:
+            unfinished()
+
+    def _complete(
+        self,
+        results: Mapping[str, Result],
+        folder: Path | None,
+        monitors: Mapping[str, DiagnosisMonitor],
+    ) -> None:
+        if folder and (why_not := self._reports.write_pages(results, folder, self._compare)):
+            self._log.info(why_not)
+        for label, monitor in monitors.items():
+            diagnosis = monitor.conclude(results[label].summary.pairs)
+            for line in conclusions(diagnosis, monitor.problem):
+                self._log.warning(f'{label}: {line}' if label else line)
 
     def end(self) -> None:
         """Evaluate all that has arrived and close the last run with its report."""
@@ -148,6 +173,7 @@ class Runs:
             self._close(self.folder)
         if self.recovery and not self._reports.unwritten:
             self.recovery.end()
+        self.complete()
 
     def _end_runs(self, at_once: bool = False) -> None:
         """Go on to the next run as long as a jump back in time says so."""
@@ -174,6 +200,7 @@ class Runs:
             for estimator in self._estimators:
                 estimator.next_run(self.number, why)
         self._hand_over()
+        self.complete()
 
     def _close(self, folder: Path) -> None:
         """Finish a run that has ended; remember the verdicts."""
