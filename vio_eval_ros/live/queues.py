@@ -60,6 +60,11 @@ class RunQueue:
         self._withheld: Poses = Trajectory.empty()
         self._astray: list[Poses] = []
 
+    @property
+    def jump(self) -> TimeJump | None:
+        """The first jump back after which the run has not ended yet."""
+        return self.jumps[0] if self.jumps else None
+
     def add(self, poses: Poses, now_s: float) -> None:
         """
         Add poses in order of arrival.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from array import array
 from collections import defaultdict, deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 import difflib
 import itertools
 from types import SimpleNamespace
@@ -90,11 +90,21 @@ class Samples:
         self._stamps.append(stamp_ns if recorded_ns is None else recorded_ns)
         self._numbers.extend(numbers)
 
-    def poses(self) -> Poses:
-        """Return the transforms as poses of the child in the parent."""
-        numbers = np.array(self._numbers).reshape(-1, 7)
+    def poses(self, begin: int = 0) -> Poses:
+        """
+        Return the transforms as poses of the child in the parent.
+
+        :param begin: the first of them; -1 is the last.
+        """
+        numbers = np.array(self._numbers[7 * begin :], float).reshape(-1, 7)
         positions, rotations = numbers[:, :3].copy(), numbers[:, 3:].copy()
-        return Poses(np.array(self._stamps), positions, rotations, zero_is_unset=True)
+        stamps_ns = np.array(self._stamps[begin:], np.int64)
+        return Poses(stamps_ns, positions, rotations, zero_is_unset=True)
+
+    def forget(self, count: int) -> None:
+        """Drop the first of the transforms."""
+        del self._stamps[:count]
+        del self._numbers[: 7 * count]
 
 
 class TransformTree:
@@ -131,13 +141,28 @@ class TransformTree:
         """Return what came of each transform, by 'PARENT.CHILD', but on static topics."""
         return {_name(edge): samples.poses() for edge, samples in sorted(self._dynamic.items())}
 
+    @property
+    def static(self) -> Sequence[str]:
+        """The names of the static topics."""
+        return tuple(self._static)
+
+    def samples(self, edge: Edge) -> Samples:
+        """Return what came of a transform, but on static topics; nothing where none did."""
+        return self._dynamic.get(edge) or Samples()
+
+    def keep_only(self, edges: Collection[Edge]) -> None:
+        """Forget what came of all other transforms, but for the last of each: it connects."""
+        for edge, samples in self._dynamic.items():
+            if edge not in edges:
+                samples.forget(len(samples) - 1)
+
     def main_motion(self) -> str | None:
         """
         Return the transform that changes most often as 'PARENT.CHILD', from the root of its tree.
 
         None where none changes.
         """
-        changes = {edge: _changes(samples.poses()) for edge, samples in self._dynamic.items()}
+        changes = {edge: changes_of(samples.poses()) for edge, samples in self._dynamic.items()}
         moving = max(changes, key=lambda edge: changes[edge], default=None)
         if moving is None or not changes[moving]:
             return None
@@ -166,11 +191,11 @@ class TransformTree:
             several transforms between them, one that two publishers send in turn.
         """
         source = f'{self._topic}:{frames}'
-        chain, static = self._chain(source, *self._split(source, frames))
+        chain, static = self.way(frames)
         sent = {edge: self._dynamic[edge].poses() for edge, _ in chain if edge in self._dynamic}
         if not sent:
             raise ReadError(source, 'every transform between the two is static: nothing moves')
-        changes = {edge: _changes(samples) for edge, samples in sent.items()}
+        changes = {edge: changes_of(samples) for edge, samples in sent.items()}
         if len(sent) > 1:  # of one alone, whoever scores it sees as much
             _refuse_mixed(source, {edge: sent[edge] for edge in sent if changes[edge]})
         leading = max(sent, key=lambda edge: (changes[edge], len(sent[edge])))
@@ -180,25 +205,24 @@ class TransformTree:
         if chain == [(leading, True)]:
             return poses
 
-        moving = {edge: _in_order(sent[edge]) for edge in sent if changes[edge]}
+        moving = {edge: in_order(sent[edge]) for edge in sent if changes[edge]}
         poses = self._while_known(source, poses, moving)
         for edge, samples in sent.items():
             if edge in moving:
                 self._warn_of_gaps(source, edge, moving[edge], poses)
             else:
                 self._warn_of_constant(source, edge, samples, poses)
-        fixed = static | sent
-        joined = Rigid(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
-        with np.errstate(invalid='ignore', over='ignore'):  # cleaning counts what is not finite
-            for edge, forward in chain:
-                if edge == leading:
-                    transform = _rigid(poses)
-                elif edge in moving:
-                    transform = _interpolate(moving[edge], poses.stamps_ns)
-                else:
-                    transform = _rigid(fixed[edge][-1:])
-                joined = joined @ (transform if forward else transform.inverse())
-        return Poses(poses.stamps_ns, *joined, zero_is_unset=True)
+        return joined(chain, leading, poses, moving, static | sent)
+
+    def way(self, frames: str) -> tuple[list[Link], dict[Edge, Poses]]:
+        """
+        Return the links from one frame to the other, and the static transforms among them.
+
+        :param frames: 'PARENT.CHILD'.
+        :raises ReadError: unknown or unconnected frames.
+        """
+        source = f'{self._topic}:{frames}'
+        return self._chain(source, *self._split(source, frames))
 
     def _while_known(self, source: str, poses: Poses, moving: Mapping[Edge, Poses]) -> Poses:
         """Return the poses at whose stamps all other transforms that move are known."""
@@ -288,7 +312,7 @@ class TransformTree:
                     f'{source}: the static {_name(edge)} came with different values; the last is '
                     'used'
                     for edge, samples in fixed.items()
-                    if _changes(samples)
+                    if changes_of(samples)
                 ]
                 return chain, fixed
         others = _reached([*self._dynamic, *static], child)
@@ -301,6 +325,33 @@ class TransformTree:
 
     def _without_static(self) -> str:
         return '' if self._static else '; no static transforms were recorded'
+
+
+def joined(
+    chain: Iterable[Link],
+    leading: Edge,
+    poses: Poses,
+    moving: Mapping[Edge, Poses],
+    fixed: Mapping[Edge, Poses],
+) -> Poses:
+    """
+    Return the poses at the end of a chain, at the stamps of the transform that leads it.
+
+    :param poses: of the leading transform.
+    :param moving: samples in order of the others that move, around these stamps.
+    :param fixed: those that do not; the last sample of each counts.
+    """
+    whole = Rigid(np.zeros(3), np.array([0.0, 0.0, 0.0, 1.0]))
+    with np.errstate(invalid='ignore', over='ignore'):  # cleaning counts what is not finite
+        for edge, forward in chain:
+            if edge == leading:
+                transform = _rigid(poses)
+            elif edge in moving:
+                transform = _interpolate(moving[edge], poses.stamps_ns)
+            else:
+                transform = _rigid(fixed[edge][-1:])
+            whole = whole @ (transform if forward else transform.inverse())
+    return Poses(poses.stamps_ns, *whole, zero_is_unset=True)
 
 
 def static_topics(topic: str, names: Iterable[str]) -> list[str]:
@@ -347,7 +398,7 @@ def _links_to(frame: str, reached: Mapping[str, Link | None]) -> list[Link]:
     return links[::-1]
 
 
-def _changes(poses: Poses) -> int:
+def changes_of(poses: Poses) -> int:
     """Return how many of the samples differ from the one before, beyond rounding."""
     samples = _rigid(poses)
     columns = np.hstack([samples.translations, samples.rotations])
@@ -409,7 +460,7 @@ def _likeness(frames: Edge) -> float:
     return difflib.SequenceMatcher(None, one, other).ratio()
 
 
-def _in_order(poses: Poses) -> Poses:
+def in_order(poses: Poses) -> Poses:
     """Return the poses sorted by stamp, the first of equal ones."""
     return poses[np.unique(poses.stamps_ns, return_index=True)[1]]
 
