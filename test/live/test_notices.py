@@ -57,7 +57,7 @@ def test_a_warning_that_another_contains_is_left_out():
         Status('timing', Level.OK, 'latency unknown', {}),
         Status('diagnosis', Level.ERROR, 'it diverges', {}),
     ]
-    assert list(warnings(statuses)) == [
+    assert warnings(statuses) == [
         'association: no pairs yet: no estimate yet',
         'diagnosis: it diverges',
     ]

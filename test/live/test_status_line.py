@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 import fcntl
 import io
+import math
 import os
 import struct
 import termios
@@ -54,11 +55,17 @@ def test_a_line_has_the_figures_and_how_it_is():
     )
 
 
-def test_what_is_not_known_yet_is_a_dash():
-    waiting = [Status('association', Level.WARN, 'no pairs yet', {})]
-    assert line('', {}, waiting, 200) == (
-        '0 pairs  ATE - m - deg  RPE -  coverage -  WARN association: no pairs yet'
-    )
+def test_before_there_are_pairs_the_room_is_for_the_reason():
+    waiting = [
+        Status('accuracy', Level.WARN, 'no pairs yet', {}),
+        Status('association', Level.WARN, 'no pairs yet: no estimate yet', {}),
+    ]
+    assert line('', {}, waiting, 200) == '0 pairs  WARN association: no pairs yet: no estimate yet'
+
+
+def test_what_is_not_known_is_a_dash():
+    unaligned = VALUES | {'ate_trans_rmse_m': math.nan, 'ate_rot_rmse_deg': math.nan}
+    assert line('', unaligned, OK, 200).startswith('1,200 pairs  ATE - m - deg  RPE 1s ')
 
 
 @pytest.mark.parametrize('width', [1, 10, 75, 79, 80, 90])

@@ -71,6 +71,16 @@ def statuses(snapshot: Snapshot) -> list[Status]:
     ]
 
 
+def telling(statuses: Sequence[Status]) -> list[Status]:
+    """Return those that are not all well, but for what another one says as well."""
+    wrong = [status for status in statuses if status.level != Level.OK]
+    return [
+        status
+        for status in wrong
+        if not any(status.message in o.message for o in wrong if o is not status)
+    ]
+
+
 def accuracy(run: RunState, gates: Sequence[Gate], problems: Sequence[str] = ()) -> Status:
     """Return how good the estimate is so far: errors, gates, divergence."""
     elsewhere = ASSOCIATION_RATIOS

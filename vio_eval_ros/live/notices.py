@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 import re
 import time
 
-from vio_eval_ros.live.health import Level, Status
+from vio_eval_ros.live.health import Level, Status, telling
 
 #: what passes sooner is not worth a line: much is missing while a system starts
 STANDS_S = 3.0
@@ -39,10 +39,10 @@ class Notices:
         return [found[kind] for kind in new]
 
 
-def warnings(statuses: Sequence[Status]) -> Iterator[str]:
-    """Yield what is wrong, but for what another status says as well."""
-    wrong = [status for status in statuses if status.level in (Level.WARN, Level.ERROR)]
-    for status in wrong:
-        others = [other.message for other in wrong if other is not status]
-        if not any(status.message in message for message in others):
-            yield f'{status.name}: {status.message}'
+def warnings(statuses: Sequence[Status]) -> list[str]:
+    """Return what is wrong; that a stream has ended is not."""
+    return [
+        f'{status.name}: {status.message}'
+        for status in telling(statuses)
+        if status.level != Level.STALE
+    ]

@@ -13,7 +13,7 @@ import math
 import os
 from typing import TextIO
 
-from vio_eval_ros.live.health import Level, Status
+from vio_eval_ros.live.health import Level, Status, telling
 from vio_eval_ros.live.page import drift_name, WORDS
 from vio_eval_ros.rendering.terminal import COLOURS, wants_colour
 from vio_eval_ros.rendering.text import number, percent, printable
@@ -98,21 +98,21 @@ def line(
         values.get(metric, math.nan)
         for metric in ('ate_trans_rmse_m', 'ate_rot_rmse_deg', 'coverage_ratio')
     )
-    drift = drift_name(values)
-    figures = [
-        f'{values.get("pairs", 0):,.0f} pairs',
-        f'ATE {number(metres)} m {number(degrees)} deg',
-        f'RPE {drift.split("_")[1]} {number(values[drift])} m' if drift else 'RPE -',
-        f'coverage {percent(coverage)}',
-        '',
-    ]
-    worst = max(statuses, key=lambda status: SEVERITY.index(status.level))
-    level, begin = worst.level.name, name + '  '.join(figures)
-    why = '' if worst.level == Level.OK else f' {worst.name}: {worst.message}'
+    figures = [f'{values.get("pairs", 0):,.0f} pairs']
+    if drift := drift_name(values):
+        figures += [
+            f'ATE {number(metres)} m {number(degrees)} deg',
+            f'RPE {drift.split("_")[1]} {number(values[drift])} m',
+            f'coverage {percent(coverage)}',
+        ]
+    worst = max(telling(statuses), key=lambda status: SEVERITY.index(status.level), default=None)
+    level = worst.level.name if worst else 'OK'
+    why = f' {worst.name}: {worst.message}' if worst else ''
+    begin = name + '  '.join([*figures, ''])
     text = printable(f'{begin}{level}{why}')
     text = text if len(text) <= width else text[: max(width - 1, 0)] + '…'
     if not in_colour:
         return text
     end = len(begin) + len(level)
-    level = f'\x1b[{COLOURS[WORDS[worst.level]]}m{text[len(begin) : end]}\x1b[0m'
-    return f'{text[: len(begin)]}{level}{text[end:]}'
+    painted = f'\x1b[{COLOURS[WORDS[Level[level]]]}m{text[len(begin) : end]}\x1b[0m'
+    return f'{text[: len(begin)]}{painted}{text[end:]}'
