@@ -93,7 +93,7 @@ class Screens:
         except ConfigError as error:
             raise ConfigError(f'web_port: {error}') from None
         except OSError as error:
-            why = error.strerror or error
+            why = (error.strerror or str(error)).rpartition(': ')[2]
             self._log.error(
                 f'web_port: no page at {host}:{port}: {why}; the evaluation goes on without it'
             )
