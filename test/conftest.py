@@ -1,6 +1,7 @@
 """What the tests share: real recordings, made-up ones, and the package as colcon installs it."""
 
 from collections.abc import Callable, Iterator
+import ctypes
 from dataclasses import replace
 from html.parser import HTMLParser
 from importlib.util import find_spec
@@ -89,6 +90,32 @@ def shared_data() -> Path:
     if REQUIRED:
         pytest.fail(f'{folder} is required here and missing')
     pytest.skip(f'no real recordings at {folder}')
+
+
+@pytest.fixture
+def tf2_msgs(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """Have tf2_msgs installed, as `make test` builds it; skip where that was not possible."""
+    if find_spec('tf2_msgs') is not None:
+        yield
+        return
+    prefix = Path(sys.prefix) / 'messages'
+    (found,) = list(prefix.glob('lib/python3*/site-packages')) or [None]
+    if found is None and REQUIRED:
+        pytest.fail('tf2_msgs is required here and not built: test/messages/build.py')
+    if found is None:
+        pytest.skip('tf2_msgs is neither installed nor built: test/messages/build.py')
+    monkeypatch.syspath_prepend(str(found))
+    for name, path in (
+        ('PYTHONPATH', found),
+        ('LD_LIBRARY_PATH', prefix / 'lib'),
+        ('AMENT_PREFIX_PATH', prefix),
+    ):
+        monkeypatch.setenv(name, str(path), prepend=os.pathsep)
+    for library in sorted(prefix.glob('lib/*typesupport*.so')):
+        ctypes.CDLL(str(library))  # this process looks for libraries where it did at its start
+    yield
+    for name in [name for name in sys.modules if name.partition('.')[0] == 'tf2_msgs']:
+        del sys.modules[name]
 
 
 @pytest.fixture(scope='session')

@@ -76,6 +76,14 @@ class Evaluator:
         """How many messages it has received."""
         return sum(topic.received for topic in self._node._streams.values())
 
+    @property
+    def messages(self) -> int:
+        """How many messages it has received, those with transforms included."""
+        node = self._node
+        listeners = [one for tree in node._transforms.values() for one in tree.listeners]
+        listeners += [one._listener for one in node._streams.values() if hasattr(one, '_listener')]
+        return sum(listener.received for listener in listeners)
+
     def stop(self, status: int = 0) -> str:
         """End it as a signal does; return what it complained of."""
         self.has_ended, problem = True, ''

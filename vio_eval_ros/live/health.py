@@ -19,6 +19,7 @@ from vio_eval_ros.diagnosis.report import Cause, Diagnosis
 from vio_eval_ros.live.snapshot import RunState, Snapshot, TopicState
 from vio_eval_ros.live.timeliness import MEDIAN, P99, REAL_TIME_FACTOR
 from vio_eval_ros.recordings.messages import STREAMED
+from vio_eval_ros.recordings.transforms import TF_TYPES
 from vio_eval_ros.rendering.text import number
 
 #: how much of the run is evaluated at all
@@ -272,10 +273,14 @@ def topic_problems(topic: TopicState, offered: Sequence[str] = ()) -> list[str]:
     if topic.full:
         problems.append(f'{topic.topic}: the queue was full {counted(topic.full, "time")}')
     problems = [problem for problem in problems if problem]
+    if topic.problem:
+        problems.append(topic.problem)
     if problems or topic.received:
         return problems
     if topic.publishers:
         return [f'nothing received on {topic.topic}']
+    if topic.msgtype in TF_TYPES:
+        return [f'nobody publishes {topic.topic.partition(":")[0]}']
     return [f'nobody publishes {topic.topic}{suggestion(topic.topic, offered)}']
 
 
@@ -317,7 +322,8 @@ def _publisher_problem(topic: TopicState) -> str:
         return f'{topic.topic} is published as {listed}, not {topic.msgtype}; {remedy}'
     if len(topic.published_types) > 1:
         return f'{topic.topic} is published as {listed}; only {topic.msgtype} is read'
-    return mixed(topic.topic, topic.publishers)
+    # everybody publishes transforms
+    return '' if topic.msgtype in TF_TYPES else mixed(topic.topic, topic.publishers)
 
 
 def mixed(topic: str, publishers: Sequence[str]) -> str:

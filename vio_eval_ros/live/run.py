@@ -7,12 +7,14 @@ Knows nothing of ROS: the node moves poses in and results out.
 from __future__ import annotations
 
 from array import array
+from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 import copy
 from dataclasses import dataclass, replace
 import math
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
@@ -41,9 +43,19 @@ from vio_eval_ros.reports.tables import series_csv
 #: the smallest step of the estimate, beyond that of the ground truth, that is called a jump
 MIN_JUMP_M = 0.5
 REPORT_FILES = {'json': 'result.json', 'markdown': 'result.md', 'csv': 'errors.csv'}
-SERIES, ESTIMATE, GROUND_TRUTH = 'series.csv', 'estimate.tum', 'ground_truth.tum'
+SERIES, TRAJECTORY = 'series.csv', '{}.tum'
+ESTIMATE, GROUND_TRUTH = SIDES = ('estimate', 'ground_truth')
 #: comes last, since drawing takes longer than all that
 PAGE = 'result.html'
+
+
+class Revised(Protocol):
+    """A trajectory of which more is known at the end of a run than when its poses came."""
+
+    warnings: Sequence[str]
+
+    def final(self) -> Poses:
+        """Return the trajectory as it is known now; raise ``ReadError`` where it makes none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,36 +112,44 @@ class LiveRun:
         self._turns: tuple[str, ...] = ()
         self._seen = 0
         self._largest_jump: tuple[int, float] | None = None
-        self._revisions: PathRevisions | None = None
-        # needed once more for an estimate that is revised; None when it is known not to be
-        self._true_poses: list[Poses] | None = []
-        self._most_true = MAX_WAITING_PER_PAIR * setup.max_pairs if setup.max_pairs else 0
-        self._given_up = 0
+        self._revisions: dict[str, Revised] = {}  # by side
+        # needed once more where the other side is revised; None when it is known not to be
+        self._kept: dict[str, KeptPoses | None] = {
+            side: KeptPoses(setup.max_pairs) for side in SIDES
+        }
         if setup.truth is not None:
             self._series.add_ground_truth(setup.truth.poses, waits=False)
             self._timeliness.add_ground_truth(setup.truth.poses)
+            self._kept[ESTIMATE] = None
 
-    def add_estimate(self, poses: Poses, revisions: PathRevisions | None = None) -> None:
+    def add_estimate(self, poses: Poses, revisions: Revised | None = None) -> None:
         """
         Add a batch of estimated poses.
 
-        :param revisions: of a Path, of which ``poses`` are those that it had not had before.
+        :param revisions: what is known of them later, of a Path or of transforms.
         """
         self.is_empty = False
         self._series.add_estimate(poses)
-        self._revisions = revisions
-        if revisions is None:
-            self._true_poses = None
+        self._keep(ESTIMATE, GROUND_TRUTH, poses, revisions)
 
-    def add_ground_truth(self, poses: Poses) -> None:
-        """Add a batch of true poses."""
+    def add_ground_truth(self, poses: Poses, revisions: Revised | None = None) -> None:
+        """Add a batch of true poses; likewise."""
         self.is_empty = False
         self._series.add_ground_truth(poses)
         self._timeliness.add_ground_truth(poses)
-        if self._true_poses is not None:
-            self._true_poses.append(poses)
-            while self._most_true and sum(map(len, self._true_poses)) > self._most_true:
-                self._given_up += len(self._true_poses.pop(0))
+        self._keep(GROUND_TRUTH, ESTIMATE, poses, revisions)
+
+    def _keep(self, side: str, other: str, poses: Poses, revisions: Revised | None) -> None:
+        """Keep poses as long as the other side may be revised, and this one is not."""
+        if revisions is not None:
+            self._revisions[side] = revisions
+            self._kept[side] = None
+            return
+        self._revisions.pop(side, None)
+        self._kept[other] = None
+        kept = self._kept[side]
+        if kept is not None:
+            kept.add(poses)
 
     def note_arrivals(self, arrivals: Arrivals, node_ns: np.ndarray) -> None:
         """
@@ -239,12 +259,9 @@ class LiveRun:
         pairs = result.summary.pairs
         files = {name: REPORTS[kind](result) for kind, name in REPORT_FILES.items()}
         files[SERIES] = series_csv(rows)
-        for name, trajectory in (
-            (ESTIMATE, pairs.estimate),
-            (GROUND_TRUTH, pairs.ground_truth),
-        ):
+        for side, trajectory in zip(SIDES, (pairs.estimate, pairs.ground_truth), strict=True):
             if trajectory.rotations is not None:
-                files[name] = tum(trajectory)
+                files[TRAJECTORY.format(side)] = tum(trajectory)
         make_writable(folder)
         write_all({folder / name: content for name, content in files.items()})
         (folder / PAGE).unlink(missing_ok=True)
@@ -257,17 +274,15 @@ class LiveRun:
             rows.append(row)
         assert series.summary is not None  # the rows have come to their end
         evaluation, summary, problems = series.evaluation, series.summary, []
-        if self._revisions is not None:
+        if self._revisions:
             try:
-                evaluation = self._revised(self._revisions)
-                summary = evaluation.summary(causal=summary.metrics)
+                evaluation = self._revised()
+                is_path = isinstance(self._revisions.get(ESTIMATE), PathRevisions)
+                summary = evaluation.summary(causal=summary.metrics if is_path else None)
             except ReadError as error:
                 problems.append(str(error))
-        if self._revisions is not None and self._given_up:
-            problems.append(
-                f'the revised Path is scored without the first {self._given_up} true poses: there '
-                'were more than ten times max_pairs'
-            )
+            problems += [line for one in self._revisions.values() for line in one.warnings]
+            problems += [line for kept in self._kept.values() if kept for line in kept.warnings]
         problems += _turns(summary.pairs)
         summary = replace(summary, warnings=(*self.notes, *summary.warnings, *problems))
         return self._result(evaluation, summary), rows
@@ -289,16 +304,21 @@ class LiveRun:
             live=arrival,
         )
 
-    def _revised(self, revisions: PathRevisions) -> Evaluation:
-        """Return the evaluation of the estimate as last revised."""
+    def _revised(self) -> Evaluation:
+        """Return the evaluation of both sides as they are known in the end."""
         final, truth = Evaluation(self._setup.config), self._setup.truth
-        if truth is not None:
-            final.add_ground_truth(truth.poses)
-        for poses in self._true_poses or ():
+        for poses in [truth.poses] if truth is not None else self._last_word(GROUND_TRUTH):
             final.add_ground_truth(poses)
-        final.add_estimate(revisions.final())
+        for poses in self._last_word(ESTIMATE):
+            final.add_estimate(poses)
         final.flush()
         return final
+
+    def _last_word(self, side: str) -> Sequence[Poses]:
+        if side in self._revisions:
+            return [self._revisions[side].final()]
+        kept = self._kept[side]
+        return kept.poses if kept else ()
 
 
 def _turns(pairs: Pairs) -> tuple[str, ...]:
@@ -312,6 +332,39 @@ def _turns(pairs: Pairs) -> tuple[str, ...]:
 
 def _side_state(side: Side) -> SideState:
     return SideState(side.used, side.counts.dropped, side.counts.overflow)
+
+
+class KeptPoses:
+    """
+    The poses of a side that is evaluated once more, against the other as it is in the end.
+
+    :param max_pairs: of the evaluation; ten times as many are kept.
+    """
+
+    def __init__(self, max_pairs: int | None) -> None:
+        self.poses: deque[Poses] = deque()
+        self._most = MAX_WAITING_PER_PAIR * max_pairs if max_pairs else math.inf
+        self._count = 0
+        self._given_up = 0
+
+    def add(self, poses: Poses) -> None:
+        """Keep poses, in place of the oldest where there are too many."""
+        self.poses.append(poses)
+        self._count += len(poses)
+        while self._count > self._most:
+            oldest = len(self.poses.popleft())
+            self._count -= oldest
+            self._given_up += oldest
+
+    @property
+    def warnings(self) -> Sequence[str]:
+        """What is missing of them, in words."""
+        if not self._given_up:
+            return ()
+        return (
+            f'the result is without the first {self._given_up} poses of the side that is not '
+            'revised: there were more than ten times max_pairs',
+        )
 
 
 class SeriesRows:
@@ -340,6 +393,6 @@ class SeriesRows:
 
 def remove_report(folder: Path) -> None:
     """Remove the files of a report, as far as they are there and can be."""
-    for name in (*REPORT_FILES.values(), SERIES, ESTIMATE, GROUND_TRUTH, PAGE):
+    for name in (*REPORT_FILES.values(), SERIES, *map(TRAJECTORY.format, SIDES), PAGE):
         with suppress(OSError):
             (folder / name).unlink()

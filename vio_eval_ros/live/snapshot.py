@@ -28,6 +28,7 @@ class TopicState:
     :param newest_ns: the newest stamp of that run; :data:`BEFORE_ALL` where there is none.
     :param unstamped: whether poses have arrived in that run, all of them stamped 0.
     :param jump: a jump back in time after which the run has not ended yet.
+    :param problem: why the messages of a tree make no poses.
     """
 
     name: str
@@ -48,6 +49,7 @@ class TopicState:
     silent_s: float = 0.0
     unstamped: bool = False
     jump: TimeJump | None = None
+    problem: str = ''
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ the definition of a type shows its one pose, it needs none, see
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -327,6 +327,9 @@ class PathRevisions:
 
     :param source: what an error names, the topic for example.
     """
+
+    #: what was left out: nothing
+    warnings: Sequence[str] = ()
 
     def __init__(self, source: str = PATH) -> None:
         self._source = source

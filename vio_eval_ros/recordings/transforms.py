@@ -45,6 +45,14 @@ def as_transforms(message: Any) -> Any:
 
 Edge = tuple[str, str]  # parent and child frame
 Link = tuple[Edge, bool]  # an edge of a chain, and whether it is passed forward
+
+
+def edge_of(transform: Any) -> Edge:
+    """Return the two frames of a TransformStamped."""
+    # tf2 knows no leading slashes, ROS 1 recordings still have them
+    return transform.header.frame_id.lstrip('/'), transform.child_frame_id.lstrip('/')
+
+
 #: what changes by no more, in metres and in numbers of its unit quaternion, is constant
 UNMOVED = 1e-6
 #: a transform that moves and is known less often than this is said to be interpolated [s]
@@ -133,9 +141,7 @@ class TransformTree:
         """
         edges = self._static[static] if static else self._dynamic
         for transform in message.transforms:
-            # tf2 knows no leading slashes, ROS 1 recordings still have them
-            parent = transform.header.frame_id.lstrip('/')
-            edges[parent, transform.child_frame_id.lstrip('/')].append(transform, recorded_ns)
+            edges[edge_of(transform)].append(transform, recorded_ns)
 
     def sent(self) -> dict[str, Poses]:
         """Return what came of each transform, by 'PARENT.CHILD', but on static topics."""

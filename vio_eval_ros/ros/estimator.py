@@ -12,8 +12,8 @@ from vio_eval_ros.live.snapshot import Snapshot
 from vio_eval_ros.live.timeliness import ClockRelation
 from vio_eval_ros.rendering.text import number
 from vio_eval_ros.reports.text import headline
+from vio_eval_ros.ros.frame_input import Input
 from vio_eval_ros.ros.outputs import Outputs
-from vio_eval_ros.ros.pose_topic import PoseTopic
 
 
 class Estimator:
@@ -23,9 +23,7 @@ class Estimator:
     :param name: of its stream, and what it is called beside others.
     """
 
-    def __init__(
-        self, name: InputName, stream: PoseTopic, setup: RunSetup, outputs: Outputs
-    ) -> None:
+    def __init__(self, name: InputName, stream: Input, setup: RunSetup, outputs: Outputs) -> None:
         self.name = name
         self.stream = stream
         self.run = LiveRun(setup)
@@ -33,12 +31,10 @@ class Estimator:
         self.problem = ''  # of the run: why it cannot be evaluated
         self._setup = setup
 
-    def add(self, estimate: Poses, truth: Poses) -> None:
+    def add(self, poses: Poses) -> None:
         """Hand poses that have arrived to the run."""
-        if len(estimate):
-            self.run.add_estimate(estimate, self.stream.revisions)
-        if len(truth):
-            self.run.add_ground_truth(truth)
+        if len(poses):
+            self.run.add_estimate(poses, self.stream.revisions)
 
     def note_arrivals(self, clock: ClockRelation) -> None:
         """Note how late poses came, but for those of the next run."""

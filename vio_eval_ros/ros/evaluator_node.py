@@ -50,6 +50,7 @@ from vio_eval_ros.recordings.agreement.orders import alone
 from vio_eval_ros.recordings.sources import read_sources, Source
 from vio_eval_ros.ros.context import join, topics_with_poses, watch_graph
 from vio_eval_ros.ros.estimator import Estimator
+from vio_eval_ros.ros.frame_input import FrameInput, Input, TransformTopic
 from vio_eval_ros.ros.outputs import Outputs
 from vio_eval_ros.ros.parameters import changed, declare, refuse_unknown
 from vio_eval_ros.ros.pose_topic import PoseTopic
@@ -76,6 +77,7 @@ class Evaluator(Node):
         self._processes = Processes(self._settings.processes)
         setup = self._common_setup(config)
         names = estimates_of(self._settings), ground_truth_of(self._settings)
+        self._transforms: dict[str, TransformTopic] = {}  # by topic
         streams = [self._stream('estimate', name) for name in names[0]]
         # made for its parameters also where a file takes its place
         truth = self._stream('ground_truth', names[1])
@@ -162,8 +164,13 @@ class Evaluator(Node):
         }
         return Recovery(self._settings, identity, self._streams, self.get_logger().warning)
 
-    def _stream(self, side: str, name: InputName) -> PoseTopic:
+    def _stream(self, side: str, name: InputName) -> Input:
         """Return a stream of poses."""
+        if name.frames:
+            topic = self.resolve_topic_name(name.topic)
+            if topic not in self._transforms:
+                self._transforms[topic] = TransformTopic(self, name.topic)
+            return FrameInput(side, self._transforms[topic], name.frames)
         msgtype = getattr(self._settings, f'{side}_type')
         is_unused = side == 'ground_truth' and self._settings.ground_truth_file
         return PoseTopic(self, side, name.topic, '' if is_unused else msgtype)
@@ -268,7 +275,7 @@ class Evaluator(Node):
 
     def _snapshot(self, estimator: Estimator) -> Snapshot:
         """Return all that the health of an evaluation is judged by."""
-        streams = filter(None, (estimator.stream, self._truth))
+        streams = [one for one in (estimator.stream, self._truth) if one is not None]
         unsaved = self._runs.recovery.problem if self._runs.recovery else ''
         problems = (estimator.problem, *self._reports.unwritten.values(), unsaved)
         return Snapshot(
@@ -339,7 +346,7 @@ class Evaluator(Node):
         return SetParametersResult(successful=True)
 
 
-def _refuse_twice(streams: Iterable[PoseTopic]) -> None:
+def _refuse_twice(streams: Iterable[Input]) -> None:
     """Raise where two streams are one."""
     names: dict[str, str] = {}
     for stream in streams:

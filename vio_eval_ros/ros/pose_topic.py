@@ -41,9 +41,6 @@ class PoseTopic:
     :raises ConfigError: a message type without poses, or a quality of service that does not exist.
     """
 
-    #: why there are no poses, beside what the state says
-    problem = ''
-
     def __init__(self, node: Node, name: str, topic: str, msgtype: str) -> None:
         self.name = name
         self.queue = RunQueue()
@@ -104,6 +101,7 @@ class PoseTopic:
             silent_s=self.silent_s,
             unstamped=self.queue.unstamped,
             jump=self.queue.jump,
+            problem='',
             **self._counts,
         )
 
@@ -140,6 +138,10 @@ class PoseTopic:
             self._subscribe(msgtype)
         self.queue.resume(poses)
         self._listener.received += len(poses)
+
+    def release(self) -> None:
+        """Hand over what is withheld: no more will come to tell what it is."""
+        self.queue.release()
 
     def notes(self) -> list[str]:
         """Return what is missing of the run: no other figure shows what did not arrive."""

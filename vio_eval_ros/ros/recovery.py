@@ -12,7 +12,7 @@ from vio_eval_ros.errors import ConfigError, WriteError
 from vio_eval_ros.live.checkpoint import Checkpoint, FOLDER, Resumed, Unusable
 from vio_eval_ros.live.health import counted
 from vio_eval_ros.live.options import NodeConfig
-from vio_eval_ros.ros.pose_topic import PoseTopic
+from vio_eval_ros.ros.frame_input import Input
 
 
 class Recovery:
@@ -29,7 +29,7 @@ class Recovery:
         self,
         settings: NodeConfig,
         identity: Mapping[str, Any],
-        streams: Mapping[str, PoseTopic],
+        streams: Mapping[str, Input],
         complain: Callable[[str], object],
     ) -> None:
         if not settings.report_dir:

@@ -13,7 +13,7 @@ from rclpy.node import Node
 from vio_eval_ros.comparison.comparison import Comparison
 from vio_eval_ros.comparison.matrix import CellRun
 from vio_eval_ros.comparison.tables import text_tables
-from vio_eval_ros.core.trajectory import Poses, Trajectory
+from vio_eval_ros.core.trajectory import Poses
 from vio_eval_ros.evaluation.result import Result
 from vio_eval_ros.live.health import conclusions
 from vio_eval_ros.live.inputs import GROUND_TRUTH
@@ -24,7 +24,7 @@ from vio_eval_ros.live.report_folder import ReportFolder
 from vio_eval_ros.live.snapshot import Snapshot
 from vio_eval_ros.live.timeliness import ClockRelation
 from vio_eval_ros.ros.estimator import Estimator
-from vio_eval_ros.ros.pose_topic import PoseTopic
+from vio_eval_ros.ros.frame_input import Input
 from vio_eval_ros.ros.recovery import Recovery
 
 
@@ -42,7 +42,7 @@ class Runs:
         self,
         node: Node,
         estimators: Sequence[Estimator],
-        streams: Mapping[str, PoseTopic],
+        streams: Mapping[str, Input],
         reports: ReportFolder,
         processes: Processes,
         compared: Sequence[str],
@@ -130,8 +130,10 @@ class Runs:
         runs = {}
         for estimator in self._estimators:
             estimator.advance()
-            streams = self._streams[estimator.name.key], self._streams.get(GROUND_TRUTH)
-            estimator.run.notes = [note for one in filter(None, streams) for note in one.notes()]
+            heard = [
+                self._streams[n] for n in (estimator.name.key, GROUND_TRUTH) if n in self._streams
+            ]
+            estimator.run.notes = [note for stream in heard for note in stream.notes()]
             if self.recovery and self.recovery.resumed:
                 estimator.run.notes.insert(0, self.recovery.resumed)
             runs[estimator.name.label] = estimator.run
@@ -215,14 +217,16 @@ class Runs:
 
     def _distribute(self, poses: Mapping[str, Poses]) -> None:
         """Hand the poses of the streams, by their names, to the runs."""
-        truth = poses.get(GROUND_TRUTH, Trajectory.empty())
+        true_poses, truth = poses.get(GROUND_TRUTH), self._streams.get(GROUND_TRUTH)
         for estimator in self._estimators:
-            estimator.add(poses[estimator.name.key], truth)
+            estimator.add(poses[estimator.name.key])
+            if true_poses is not None and truth is not None and len(true_poses):
+                estimator.run.add_ground_truth(true_poses, truth.revisions)
 
     def _release(self) -> None:
         """Hand over what is withheld as well: nothing more will come to tell what it is."""
         for stream in self._streams.values():
-            stream.queue.release()
+            stream.release()
         self._hand_over()
 
     def _compare(self, results: Mapping[str, Result]) -> Comparison:
