@@ -117,7 +117,8 @@ def player_and_evaluator(context: LaunchContext) -> list[LaunchDescriptionEntity
             arguments=[
                 str(recording),
                 *('--topics', *wanted, *inputs),
-                *('--wait-for-subscribers', *shlex.split(given['play_options'])),
+                *('--wait-for-subscribers', *wanted, *inputs),
+                *shlex.split(given['play_options']),
             ],
             on_exit=lambda event, context: played(event, context, settle_s),
         ),

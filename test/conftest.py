@@ -93,10 +93,10 @@ def shared_data() -> Path:
 
 
 @pytest.fixture
-def tf2_msgs(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
-    """Have tf2_msgs installed, as `make test` builds it; skip where that was not possible."""
+def tf2_msgs(monkeypatch: pytest.MonkeyPatch) -> Iterator[str]:
+    """Return where tf2_msgs is, as `make test` builds it; skip where that was not possible."""
     if find_spec('tf2_msgs') is not None:
-        yield
+        yield ''
         return
     prefix = Path(sys.prefix) / 'messages'
     (found,) = list(prefix.glob('lib/python3*/site-packages')) or [None]
@@ -113,7 +113,7 @@ def tf2_msgs(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
         monkeypatch.setenv(name, str(path), prepend=os.pathsep)
     for library in sorted(prefix.glob('lib/*typesupport*.so')):
         ctypes.CDLL(str(library))  # this process looks for libraries where it did at its start
-    yield
+    yield str(found)
     for name in [name for name in sys.modules if name.partition('.')[0] == 'tf2_msgs']:
         del sys.modules[name]
 

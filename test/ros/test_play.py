@@ -63,8 +63,11 @@ def play(environment) -> Iterator[Callable[..., subprocess.Popen]]:
     started = []
 
     def start(*arguments: object) -> subprocess.Popen:
+        words = list(map(str, arguments))
+        if not any(word.startswith('--wait') for word in words):
+            words += ['--wait-timeout', '0']
         process = subprocess.Popen(
-            [sys.executable, '-m', 'vio_eval_ros', 'play', *map(str, arguments)],
+            [sys.executable, '-m', 'vio_eval_ros', 'play', *words],
             env=environment,
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
@@ -328,6 +331,28 @@ def test_what_was_latched_reaches_those_who_come_late(play, graph, listening, la
         process.send_signal(signal.SIGINT)
         ended(process)
     assert len(bytes_of(arrivals, '/map')) == 1
+
+
+def test_what_was_latched_before_the_start_is_published_first(play, listening, latched_bag):
+    with listening('/map=std_msgs/msg/String', '/log=std_msgs/msg/String') as arrivals:
+        words = ('--topics', '/map', '/log', '--start', 1, '--rate', 100)
+        said = ended(play(latched_bag, *words, '--wait-for-subscribers'))
+    assert 'published 1 messages that were latched before --start' in said
+    assert [arrival.topic for arrival in arrivals if arrival.topic != '/clock'] == [
+        '/map', '/log', '/log'
+    ]  # fmt: skip
+
+
+def test_a_topic_that_is_waited_for_must_be_played(play):
+    said = ended(play(DEMO, '--wait-for-subscribers', '/vio/odometri'), status=2)
+    assert "/vio/odometri is not played; did you mean '/vio/odometry'?" in said
+
+
+def test_waiting_ends_after_the_time_that_is_given(play):
+    said = ended(
+        play(DEMO, '--wait-for-subscribers', '/vio/odometry', '--wait-timeout', 0.2), status=2
+    )
+    assert said == 'play: after 0.2 s nobody listens to /vio/odometry\n'
 
 
 @pytest.mark.parametrize(('publishers', 'kept'), [(1, [5]), (3, [0, 1, 2, 3, 4, 5])])

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 import json
+import os
 from pathlib import Path
+import subprocess
 
 import numpy as np
 import pytest
 
 from recorded import header, numbers, odometry, pose, Stream, vector, write
-from verbs import call
+from verbs import call, COMMAND
 from vio_eval_ros.recordings.playback import Playback
 
 TF = 'tf2_msgs/msg/TFMessage'
@@ -197,3 +199,26 @@ def test_without_the_message_package_it_is_one_line(evaluator, monkeypatch):
     monkeypatch.setitem(sys.modules, 'tf2_msgs.msg', None)
     with pytest.raises(ConfigError, match='/tf: tf2_msgs/msg/TFMessage needs the ROS package tf2'):
         evaluator('estimate:=/tf:map.imu')
+
+
+@pytest.mark.parametrize('words', [[], ['--wait-for-subscribers']])
+def test_transforms_that_nobody_asks_for_do_not_hold_up_a_recording(
+    tf2_msgs, environment, graph, tmp_path, words
+):
+    paths = os.pathsep.join(filter(None, [tf2_msgs, environment['PYTHONPATH']]))
+    process = subprocess.Popen(
+        [*COMMAND, 'play', tree(tmp_path), '--rate', '20', *words],
+        env={**os.environ, **environment, 'PYTHONPATH': paths},
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    graph.processes.append(process)
+    arrived = graph.listen('/vio/odometry', 'nav_msgs/msg/Odometry')
+    if words:
+        graph.listen(TRUTH, 'geometry_msgs/msg/PoseStamped')
+    graph.wait_until(lambda: len(arrived) == 200, 'all messages')
+    _, said = process.communicate(timeout=60)
+    assert process.returncode == 0, said
+    assert 'no subscribers of ' in said
+    assert '/tf' in said.splitlines()[-1]
+    assert 'not installed' not in said

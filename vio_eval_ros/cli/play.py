@@ -5,23 +5,31 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import repeat
 import math
 from pathlib import Path
 import signal
 import sys
 import time
-from typing import Any, TYPE_CHECKING
+from typing import TYPE_CHECKING
 
 from vio_eval_ros.cli.shell import Parser, run
+from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.errors import ConfigError, PASSED, ReadError, VioEvalError
+from vio_eval_ros.live.audience import wait_for
 from vio_eval_ros.ros import without_ros
 from vio_eval_ros.settings import finite
 
 if TYPE_CHECKING:
     from vio_eval_ros.recordings.container import Topic
     from vio_eval_ros.recordings.playback import Playback
+    from vio_eval_ros.ros.player import Publication
 
+#: how long a subscription that nobody insists on may take to be reached
+UNASKED_S = 10.0
+#: how many messages with static transforms late subscribers get at least
+STATIC = 1000
 EXAMPLES = """
 examples:
   play V1_02_medium.bag                          a ROS 1 bag, as it is
@@ -87,8 +95,17 @@ def _parser() -> Parser:
     )
     parser.add_argument(
         '--wait-for-subscribers',
-        action='store_true',
-        help='start when every topic that is played has a subscriber',
+        nargs='*',
+        metavar='T',
+        help='start when these have subscribers; without names, all that are played but '
+        'transforms (default: those that anybody has subscribed to)',
+    )
+    parser.add_argument(
+        '--wait-timeout',
+        type=_not_negative,
+        metavar='S',
+        help='wait no longer; 0 starts at once (default: for ever for the topics of '
+        f'--wait-for-subscribers, else {UNASKED_S:g} s)',
     )
     return parser
 
@@ -136,6 +153,7 @@ def _publish(playback: Playback, options: argparse.Namespace, ros_arguments: lis
 
     try:
         from vio_eval_ros.recordings.storage import OfferedQos
+        from vio_eval_ros.recordings.transforms import static_topics, TF_TYPES
         from vio_eval_ros.ros.player import message_class, Publication, running
     except ImportError as error:
         raise without_ros(error) from None
@@ -146,16 +164,25 @@ def _publish(playback: Playback, options: argparse.Namespace, ros_arguments: lis
             _say(f'{topic.name}: {topic.msgtype} is not installed; left out')
             continue
         offer = playback.offers.get(topic.name, OfferedQos())
+        if static_topics(topic.name, [topic.name]) and topic.msgtype in TF_TYPES:
+            offer = replace(
+                offer, reliable=True, latched=True, depth=max(offer.depth, topic.count)
+            )
         publications.append(Publication(topic.name, new_names[topic.name], known, offer))
     if not publications:
         raise VioEvalError('nothing to play: none of the topics can be published')
     names = {publication.topic for publication in publications}
+    latched = {publication.topic for publication in publications if publication.offer.latched}
+    awaited = _awaited(options.wait_for_subscribers, publications)
 
     with running(publications, options.rate, options.paused, ros_arguments, _say) as player:
-        if options.wait_for_subscribers:
-            _wait_for_subscribers(player)
+        wait_for(player.audiences, player.names_of(awaited), _timeout_s(options), _say)
         began_s = time.monotonic()
         try:
+            if latched and options.start:
+                before = playback.messages(latched, playback.first_ns, start_ns - 1)
+                if count := player.publish_latched(before):
+                    _say(f'published {count:,} messages that were latched before --start')
             for _ in repeat(None) if options.loop else (None,):
                 messages = playback.messages(names, start_ns, end_ns)
                 with _progress(length_s) as progress:
@@ -211,13 +238,25 @@ def _new_names(topics: Sequence[Topic], remap: Sequence[str]) -> dict[str, str]:
     return names
 
 
-def _wait_for_subscribers(player: Any) -> None:
-    missing = player.without_subscribers()
-    if missing:
-        _say(f'waiting for subscribers of {", ".join(missing)}')
-    while missing:
-        time.sleep(0.02)
-        missing = player.without_subscribers()
+def _awaited(wanted: Sequence[str] | None, publications: Sequence[Publication]) -> list[str]:
+    """Return the topics that must be heard."""
+    if wanted is None:
+        return []
+    if not wanted:
+        # nobody may want the transforms of a recording, which are in nearly all
+        return [p.topic for p in publications if p.message_type.__name__ != 'TFMessage']
+    names = {name for p in publications for name in (p.topic, p.name)}
+    for name in wanted:
+        if name not in names:
+            near = nearest_name(name, names)
+            raise ConfigError(f'--wait-for-subscribers: {name} is not played{near}')
+    return [p.topic for p in publications if {p.topic, p.name} & set(wanted)]
+
+
+def _timeout_s(options: argparse.Namespace) -> float:
+    if options.wait_timeout is not None:
+        return float(options.wait_timeout)
+    return UNASKED_S if options.wait_for_subscribers is None else math.inf
 
 
 @contextmanager

@@ -24,6 +24,7 @@ from rosgraph_msgs.msg import Clock
 from std_srvs.srv import Trigger
 
 from vio_eval_ros.errors import ConfigError
+from vio_eval_ros.live.audience import Audience
 from vio_eval_ros.recordings.playback import TimedMessage
 from vio_eval_ros.recordings.storage import OfferedQos
 from vio_eval_ros.ros.context import join
@@ -118,10 +119,32 @@ class Player(Node):
         for name in ('pause', 'resume', 'step'):
             self.create_service(Trigger, f'~/{name}', getattr(self, f'_{name}'))
 
+    def audiences(self) -> list[Audience]:
+        """Return who listens to each topic."""
+        return [
+            Audience(
+                one.topic_name,
+                self.count_subscribers(one.topic_name),
+                one.get_subscription_count(),
+            )
+            for one in self._outputs.values()
+        ]
+
     def without_subscribers(self) -> list[str]:
         """Return the names of the topics without subscribers."""
-        publishers = self._outputs.values()
-        return [p.topic_name for p in publishers if not p.get_subscription_count()]
+        return [one.topic for one in self.audiences() if not one.matched]
+
+    def names_of(self, topics: Iterable[str]) -> list[str]:
+        """Return under which names recorded topics are published."""
+        return [self._outputs[topic].topic_name for topic in topics]
+
+    def publish_latched(self, messages: Iterable[TimedMessage]) -> int:
+        """Publish at once what was latched before the part that is played; return how much."""
+        count = 0
+        for _, topic, cdr in messages:
+            self._outputs[topic].publish(cdr)
+            count += 1
+        return count
 
     def play(
         self, messages: Iterable[TimedMessage], start_ns: int, progress: Callable[[float], object]
