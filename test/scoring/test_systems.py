@@ -9,6 +9,7 @@ import pytest
 import verbs
 from vio_eval_ros.scoring.documents import SUITE_REPORTS
 from vio_eval_ros.scoring.loading import load_suite
+from vio_eval_ros.scoring.matching import nearest
 from vio_eval_ros.scoring.suite import Suite
 
 ATE = 'ate_trans_rmse_m'
@@ -129,6 +130,25 @@ def test_the_table_shows_holes_failures_and_what_the_mean_is_over(folder, lab):
     assert "poor: no run of two: nothing matches 'runs/poor/two/*.tum' in" in text
     assert 'no mean of ATE [m]: on every sequence some system has failed or no run' in text
     assert text.endswith('fail: 3 of 6 sequences x systems failed\n')
+
+
+@pytest.mark.parametrize(
+    ('template', 'near'),
+    [
+        ('rusn/{system}/{sequence}.tum', "; did you mean 'runs'?"),
+        ('runs/{system}/{sequence}.tun', "; did you mean 'one.tum'?"),
+        ('runs/goot/{sequence}.tum', "; did you mean 'good'?"),
+    ],
+)
+def test_a_template_that_leads_nowhere_names_what_may_be_meant(tmp_path, template, near):
+    folder = tmp_path / 'runs' / 'good'
+    folder.mkdir(parents=True)
+    for file in (folder / 'one.tum', tmp_path / 'gt.tum'):
+        file.write_text('0 0 0 0 0 0 0 1\n')
+    pattern = template.format(system='good', sequence='one')
+    assert nearest(tmp_path, pattern) == near
+    assert nearest(tmp_path, 'runs/good/two.tum') == ''
+    assert nearest(tmp_path, 'runs/good/one.tum/x') == ''
 
 
 @pytest.mark.slow

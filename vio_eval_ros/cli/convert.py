@@ -124,6 +124,8 @@ def _convert(arguments: argparse.Namespace) -> int:
     poses = _changed(arguments, parts, sources[0], read, notes)
     if poses.covariances is not None and not FORMATS[kind].has_covariances:
         notes.append(f'covariances are left out: {kind} has none')
+    elif poses.covariances is not None and poses.rotations is None:
+        notes.append('covariances are left out: messages with positions only have none')
     with staged_path(arguments.out) as path:
         FORMATS[kind].write(poses, path, names)
     kept = 'positions only' if poses.rotations is None else 'poses'

@@ -215,8 +215,14 @@ def _over_sequences(matrix: Matrix, pairs: int) -> Iterator[Difference]:
                 count=found.sequences,
                 p_value=math.nan if few else found.p_value,
                 p_adjusted=math.nan if few else min(1.0, pairs * found.p_adjusted),
-                why=f'{found.sequences} sequences are too few, {least} may tell' if few else '',
+                why=_too_few(found.sequences, least) if few else '',
             )
+
+
+def _too_few(sequences: int, least: int) -> str:
+    if not sequences:
+        return 'no sequence has both'
+    return f'{sequences} sequences are too few, {least} may tell'
 
 
 def _badness(cell: Cell, metric: str) -> float:

@@ -16,7 +16,7 @@ import numpy as np
 from vio_eval_ros.core import rotation
 from vio_eval_ros.core.cleaning import clean, Cleaning
 from vio_eval_ros.core.interpolation import interpolated, Interpolator
-from vio_eval_ros.core.orientations import finite, usable, why_positions_only
+from vio_eval_ros.core.orientations import why_positions_only
 from vio_eval_ros.core.steps import distances
 from vio_eval_ros.core.trajectory import Poses, Trajectory
 from vio_eval_ros.errors import ConfigError
@@ -37,16 +37,13 @@ def in_order(poses: Poses, counts: Cleaning) -> Trajectory:
 
     As :func:`clean`, but quaternions keep the length that they have.
     """
-    cleaned = clean(poses, counts)
-    if cleaned.rotations is None or why_positions_only(poses):
+    # the number of a row travels as its weight, which nothing here looks at
+    cleaned = clean(replace(poses, weights=np.arange(float(len(poses)))), counts)
+    assert cleaned.weights is not None
+    rows, cleaned = cleaned.weights.astype(int), replace(cleaned, weights=None)
+    if poses.rotations is None or cleaned.rotations is None or why_positions_only(poses):
         return replace(cleaned, rotations=None)
-    rows = np.flatnonzero(finite(poses.positions) & usable(poses.rotations))
-    if poses.zero_is_unset:
-        rows = rows[poses.stamps_ns[rows] != 0]
-    rows = rows[np.argsort(poses.stamps_ns[rows], kind='stable')]
-    _, first = np.unique(poses.stamps_ns[rows], return_index=True)
-    assert poses.rotations is not None
-    return replace(cleaned, rotations=poses.rotations[rows[first]])
+    return replace(cleaned, rotations=poses.rotations[rows])
 
 
 def merged(parts: Sequence[Trajectory]) -> tuple[Trajectory, int]:

@@ -28,7 +28,7 @@ def layout(**more: Any) -> Figure:
         'paper_bgcolor': 'rgba(0,0,0,0)',
         'plot_bgcolor': 'rgba(0,0,0,0)',
         # margins that follow the labels would take plotly several tries, and differ between plots
-        'margin': {'l': 64, 'r': 10, 't': 10, 'b': 42},
+        'margin': {'l': 64, 'r': 10, 't': 30, 'b': 42},
         'showlegend': False,
         'hovermode': 'closest',
         **more,
@@ -49,7 +49,7 @@ def line_layout(names: Sequence[str], **more: Any) -> Figure:
             ticktext=[label(name) for name in names],
             fixedrange=True,
         ),
-        margin={'l': 16 + PIXELS_PER_LETTER * max(map(len, names)), 'r': 10, 't': 10, 'b': 42},
+        margin={'l': 16 + PIXELS_PER_LETTER * max(map(len, names)), 'r': 10, 't': 30, 'b': 42},
         **more,
     )
 

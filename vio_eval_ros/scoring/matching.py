@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from glob import glob, has_magic
-from pathlib import Path
+from glob import escape, glob, has_magic
+from pathlib import Path, PurePath
 import re
 from typing import NamedTuple
 
+from vio_eval_ros.core.config import nearest_name
 from vio_eval_ros.errors import ConfigError
 from vio_eval_ros.recordings.spec import Spec
 from vio_eval_ros.scoring.entries import Entry
@@ -100,9 +101,9 @@ def matches(entry: Entry, key: str) -> list[Match]:
     if not paths and key != 'recording' and entry.text('recording') and text.startswith('/'):
         return [Match(text, _checked(entry, key, text), is_topic=True)]
     if not paths and has_magic(pattern):
-        raise NoMatch(entry, key, f"nothing matches '{pattern}' in {base}")
+        raise NoMatch(entry, key, f"nothing matches '{pattern}' in {base}{nearest(base, pattern)}")
     if not paths and entry.system and key != 'ground_truth':
-        raise NoMatch(entry, key, f"there is no '{pattern}' in {base}")
+        raise NoMatch(entry, key, f"there is no '{pattern}' in {base}{nearest(base, pattern)}")
     return [
         Match(
             path + rest,
@@ -111,6 +112,19 @@ def matches(entry: Entry, key: str) -> list[Match]:
         )
         for path in paths or [pattern]
     ]
+
+
+def nearest(base: Path, pattern: str) -> str:
+    """Return what may be meant where a path or glob leads nowhere: a folder, or another suffix."""
+    folder, parts = base, PurePath(pattern).parts
+    for part in parts[: len(parts) - 1]:
+        if has_magic(part):
+            return ''
+        if not (folder / part).exists():
+            return nearest_name(part, sorted(one.name for one in folder.iterdir() if one.is_dir()))
+        folder /= part
+    same = sorted(one.name for one in folder.glob(f'{escape(PurePath(pattern).stem)}.*'))
+    return nearest_name(parts[-1], same) if folder.is_dir() and not has_magic(parts[-1]) else ''
 
 
 def split_spec(text: str) -> tuple[str, str]:
