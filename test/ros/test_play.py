@@ -343,6 +343,18 @@ def test_what_was_latched_before_the_start_is_published_first(play, listening, l
     ]  # fmt: skip
 
 
+def test_at_an_infinite_rate_all_is_published_at_once_and_in_order(play, listening):
+    with listening(*types_of(DEMO)) as arrivals:
+        words = ('--topics', *POSES, '--rate', 'inf', '--wait-for-subscribers')
+        said = ended(play(DEMO, *words))
+    assert 'as fast as it goes' in said
+    assert ' late' not in said
+    for topic in POSES:
+        heard, rest = bytes_of(arrivals, topic), iter(recorded(DEMO, topic))
+        assert all(one in rest for one in heard)  # in order; a slow machine may lose some
+        assert len(heard) > 100
+
+
 def test_a_topic_that_is_waited_for_must_be_played(play):
     said = ended(play(DEMO, '--wait-for-subscribers', '/vio/odometri'), status=2)
     assert "/vio/odometri is not played; did you mean '/vio/odometry'?" in said

@@ -73,10 +73,10 @@ def _parser() -> Parser:
     parser.add_argument('--topics', nargs='+', metavar='T', help='play these only (default: all)')
     parser.add_argument(
         '--rate',
-        type=_positive,
+        type=_rate,
         default=1.0,
         metavar='R',
-        help='times real time (default: 1)',
+        help='times real time; inf is as fast as it goes (default: 1)',
     )
     parser.add_argument(
         '--start', type=_not_negative, default=0.0, metavar='S', help='skip the first seconds'
@@ -115,6 +115,10 @@ def _positive(text: str) -> float:
     if not number > 0:
         raise argparse.ArgumentTypeError(f"'{text}' is not a number above 0")
     return number
+
+
+def _rate(text: str) -> float:
+    return math.inf if text == 'inf' else _positive(text)
 
 
 def _not_negative(text: str) -> float:
@@ -177,6 +181,8 @@ def _publish(playback: Playback, options: argparse.Namespace, ros_arguments: lis
 
     with running(publications, options.rate, options.paused, ros_arguments, _say) as player:
         wait_for(player.audiences, player.names_of(awaited), _timeout_s(options), _say)
+        if math.isinf(options.rate):
+            _say('as fast as it goes: a subscriber that does not keep up loses messages')
         began_s = time.monotonic()
         try:
             if latched and options.start:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 import importlib
 from itertools import chain, islice
+import math
 import os
 from pathlib import Path
 import signal
@@ -88,7 +89,7 @@ class Player(Node):
     The thread that calls :meth:`play` publishes; the services answer from a thread of their own
     and only set flags. So no message waits for a service.
 
-    :param rate: seconds of the recording per second.
+    :param rate: seconds of the recording per second; infinite publishes as fast as it goes.
     :param say: takes what a user should know, a line at a time.
     :raises ConfigError: a name that no topic may have.
     """
@@ -192,6 +193,8 @@ class Player(Node):
                     return
                 self._publish_time()
                 continue
+            if math.isinf(self._rate):
+                return
             now_s = time.monotonic()
             delay_s = now_s - self._begin_s - (log_ns - self._begin_ns) / 1e9 / self._rate
             if delay_s >= 0:
