@@ -201,6 +201,56 @@ def test_without_the_message_package_it_is_one_line(evaluator, monkeypatch):
         evaluator('estimate:=/tf:map.imu')
 
 
+def test_the_alignment_is_a_transform_that_no_input_reads(tf2_msgs, graph, evaluator, tmp_path):
+    recording, topics = tree(tmp_path, late=1000), ('/tf', '/tf_static', TRUTH)
+    node = evaluator(
+        'estimate:=/tf:odom.imu',
+        f'ground_truth:={TRUTH}',
+        'publish_tf:=true',
+        f'report_dir:={tmp_path / "live"}',
+        *(f'qos_overrides.{n}.subscription.reliability:=reliable' for n in ('/tf', TRUTH)),
+        reliable=False,
+    )
+    published = graph.listen('/tf', TF)
+    kinds = (TF, TF, 'geometry_msgs/msg/PoseStamped')
+    publishers = {
+        name: graph.publisher(name, kind, latched=name == '/tf_static')
+        for name, kind in zip(topics, kinds, strict=True)
+    }
+    with Playback(recording) as playback:
+        for _, name, cdr in playback.messages(set(topics), playback.first_ns, playback.last_ns):
+            publishers[name].publish(cdr)
+    graph.wait_for('association', 'any', pairs=181)  # the last second is not over
+
+    def found():
+        edges = [one for message in published for one in message.transforms]
+        return [
+            one for one in edges if (one.header.frame_id, one.child_frame_id) == ('map', 'odom')
+        ]
+
+    count = len(found())
+    last = graph.wait_until(lambda: len(found()) > count + 1 and found()[-1], 'a transform')
+    node.stop()
+    alignment = json.loads((tmp_path / 'live' / 'result.json').read_text())['alignment']
+    place, turn = last.transform.translation, last.transform.rotation
+    translation = np.array([place.x, place.y, place.z])
+    assert np.linalg.norm(translation) > 0.05
+    np.testing.assert_allclose(translation, alignment['translation_m'], atol=0.02)
+    rotation = [turn.x, turn.y, turn.z, turn.w]
+    np.testing.assert_allclose(rotation, alignment['rotation_xyzw'], atol=0.01)
+    assert_same(tmp_path, recording, '/tf:odom.imu', TRUTH)
+
+
+def test_frames_of_one_name_have_no_transform(tf2_msgs, graph, ros, evaluator, flight):
+    node = evaluator('publish_tf:=true')
+    estimate, truth = graph.both()
+    ros.send(estimate, flight.estimate)
+    ros.send(truth, flight.ground_truth)
+    graph.wait_for('association', 'OK', pairs=381)
+    graph.wait_for('accuracy', 'OK')
+    assert node.stop().count('publish_tf: estimate and ground truth are both in map') == 1
+
+
 @pytest.mark.parametrize('words', [[], ['--wait-for-subscribers']])
 def test_transforms_that_nobody_asks_for_do_not_hold_up_a_recording(
     tf2_msgs, environment, graph, tmp_path, words

@@ -64,6 +64,10 @@ class NodeConfig(Options):
     web_host: str = option(
         '127.0.0.1', 'address of that page; by default only for browsers on this machine'
     )
+    publish_tf: bool = option(
+        False,
+        'publish the alignment on /tf: the world of the estimate in that of the ground truth',
+    )
     max_pairs: int = option(
         1_000_000,
         'how many pairs are kept; with more, rmse stay exact, other metrics are of a part',

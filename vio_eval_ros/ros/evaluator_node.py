@@ -48,6 +48,7 @@ from vio_eval_ros.live.status_line import log_over_lines, width_of
 from vio_eval_ros.live.timeliness import NAMES, RECENT
 from vio_eval_ros.recordings.agreement.orders import alone
 from vio_eval_ros.recordings.sources import read_sources, Source
+from vio_eval_ros.ros.alignment_transform import AlignmentTransform
 from vio_eval_ros.ros.context import join, topics_with_poses, watch_graph
 from vio_eval_ros.ros.estimator import Estimator
 from vio_eval_ros.ros.frame_input import FrameInput, Input, TransformTopic
@@ -101,6 +102,7 @@ class Evaluator(Node):
             default_metrics(config),
             self._snapshot,
         )
+        self._alignment = self._new_alignment() if self._settings.publish_tf else None
         self._screens = Screens(self.get_fully_qualified_name(), self._settings, self._log)
         self._other_nodes = 0  # of the same name
         self._offered: list[str] = []  # topics of which one may be meant
@@ -174,6 +176,11 @@ class Evaluator(Node):
         msgtype = getattr(self._settings, f'{side}_type')
         is_unused = side == 'ground_truth' and self._settings.ground_truth_file
         return PoseTopic(self, side, name.topic, '' if is_unused else msgtype)
+
+    def _new_alignment(self) -> AlignmentTransform:
+        """Return what publishes alignments as transforms, which no input reads."""
+        ignored = [tree.ignored for tree in self._transforms.values()]
+        return AlignmentTransform(self, self.get_logger().warning, ignored)
 
     @property
     def _log(self) -> Log:
@@ -266,6 +273,9 @@ class Evaluator(Node):
         for estimator in self._estimators:
             if problem := estimator.evaluate(self._settings.window_s, self._frame):
                 self.get_logger().error(problem)
+            elif self._alignment and estimator.run.values:
+                alignment = estimator.run.evaluation.alignment()
+                self._alignment.publish(alignment, self._frame, estimator.stream.frame)
             health = statuses(self._snapshot(estimator))
             estimator.outputs.publish_health(health)
             shown.append(Shown(estimator.name.label, estimator.run, health))

@@ -13,6 +13,7 @@ from vio_eval_ros.live.frames import FrameMotion
 from vio_eval_ros.live.queues import Progress, RunQueue
 from vio_eval_ros.live.snapshot import TopicState
 from vio_eval_ros.live.timeliness import Arrivals
+from vio_eval_ros.recordings.transforms import Edge, edge_of
 from vio_eval_ros.ros.listener import Listener
 from vio_eval_ros.ros.pose_topic import PoseTopic
 
@@ -32,6 +33,8 @@ class TransformTopic:
         names = dict.fromkeys([f'{self.dynamic.topic}_static', '/tf_static'])
         self.static = {name: Listener(node, name) for name in names}
         self.undecodable = 0
+        #: transforms that the node itself publishes
+        self.ignored: set[Edge] = set()
         self._inboxes: list[deque[tuple[Any, str]]] = []
         for listener in (self.dynamic, *self.static.values()):
             listener.subscribe(TF_MESSAGE)
@@ -54,6 +57,9 @@ class TransformTopic:
             for raw in listener.take()[0]:
                 message = listener.deserialised(raw)
                 self.undecodable += message is None
+                if self.ignored and message is not None:
+                    transforms = message.transforms
+                    message.transforms = [t for t in transforms if edge_of(t) not in self.ignored]
                 for inbox in self._inboxes if message is not None else ():
                     inbox.append((message, static))
 
