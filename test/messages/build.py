@@ -89,7 +89,8 @@ def run(*command: str | Path) -> None:
 
 if __name__ == '__main__':
     try:
-        if find_spec('tf2_msgs') is None:  # else there is a ROS installation
+        # in a ROS installation it is there; its sources beside this file are no package of Python
+        if not getattr(find_spec('tf2_msgs'), 'origin', None):
             build()
     except (OSError, RuntimeError) as error:
         shutil.rmtree(PREFIX, ignore_errors=True)
