@@ -14,8 +14,8 @@ NOTEBOOKS = sorted((ROOT / 'docs/notebooks').glob('*.ipynb'))
 
 
 def without_last_digits(text: str) -> str:
-    """Return a text without the last digit of its numbers, which differs between processors."""
-    return re.sub(r'(\d)(?=\s|$|,|\))', '#', text.strip())
+    """Return a text without the last digits of its numbers, which differ between processors."""
+    return re.sub(r'(\.\d{9})\d+', r'\1', text.strip())
 
 
 def examples(document: str) -> list[tuple[str, str]]:
